@@ -178,21 +178,24 @@ class Planner:
         """Return regions and plans; detections without a symmetric grasp by pieces (D. 97).
 
         Such a region's symmetries and grasps are those of its largest piece, if that has grasps;
-        other pieces that have some become regions of their own.
+        other pieces that have some become regions of their own. A single piece takes the place of
+        its detection (D. 145).
         """
         config, labels = self.config, seen.segments.labels
         if not self._knows_symmetries or config.regions != "auto":
             return regions, plans
-        parts = [
-            (index, rank, mask)
+        pieces = {
+            index: pieces_of(region.mask, labels, config)
             for index, (region, plan) in enumerate(zip(regions, plans, strict=True))
             if region.source == "detector" and not plan.rests_on_symmetry
-            for rank, mask in enumerate(pieces_of(region.mask, labels, config))
-        ]
+        }
+        parts = [(index, i, mask) for index in pieces for i, mask in enumerate(pieces[index])]
         clouds = [RegionCloud.from_mask(mask, seen.scene) for _, _, mask in parts]
         regions, plans = list(regions), list(plans)
         for (index, rank, mask), plan in zip(parts, self._plans(clouds, seen, rng), strict=True):
-            if len(plan.grasps) and rank == 0:
+            if len(pieces[index]) == 1:
+                regions[index], plans[index] = replace(regions[index], mask=mask), plan
+            elif len(plan.grasps) and rank == 0:
                 plans[index] = plan
             elif len(plan.grasps):
                 regions.append(Region(mask, config.geometric_confidence, "geometric"))

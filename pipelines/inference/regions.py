@@ -23,6 +23,7 @@ Depth = NDArray[np.float32]
 REST = "rest"  # source of the region of grasps that lie on no other
 SOURCES = "masks", "detector", "geometric", "color"  # the most certain first
 CONFINED = 0.6  # share of a region within a segment that may complete it
+MIN_STRIPS = 0.02  # share of a detection in other segments than its own
 MARGIN = 21  # pixels, of the working size, by which masks of detections may be too small
 
 
@@ -153,14 +154,17 @@ def pieces_of(mask: Mask, labels: NDArray[np.int32], config: InferConfig) -> lis
     """Return the pieces (H, W) of `mask` (H, W), the largest first; none where it is one (D. 97).
 
     `labels` (H, W) number the geometric regions, 0 elsewhere. Pieces have at least
-    `min_region_pixels`, and a share `min_piece_share` of the mask.
+    `min_region_pixels`, and a share `min_piece_share` of the mask. A single piece is the mask
+    without its strips of other geometric regions (D. 145).
     """
     sizes = np.bincount(labels[mask], minlength=1)
     sizes[0] = 0
-    least = max(config.min_region_pixels, config.min_piece_share * np.count_nonzero(mask))
-    numbers = np.flatnonzero(sizes >= least)
-    if len(numbers) < 2:
-        return []
+    whole = np.count_nonzero(mask)
+    numbers = np.flatnonzero(sizes >= max(config.min_region_pixels, config.min_piece_share * whole))
+    if len(numbers) == 1:
+        strips = (sizes.sum() - sizes.max()) / whole
+        own = mask & np.isin(labels, (0, numbers[0]))
+        return [own] if MIN_STRIPS < strips < config.min_piece_share else []
     numbers = numbers[np.argsort(-sizes[numbers], kind="stable")]
     return [mask & (labels == number) for number in numbers]
 

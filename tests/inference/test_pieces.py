@@ -55,7 +55,7 @@ class TwoPlanes(NoSymmetry):
         ]
 
 
-def planned(boxes, predictor, regions="auto", **planning):
+def planned(boxes, predictor, regions="auto", detection=lambda index: index >= 0, **planning):
     """The result of a frame whose detector sees one region, and the index of what each pixel is."""
     depth, index = render(boxes, POSE)
     frame = Frame("f", np.full((240, 320, 3), 90, np.uint8), depth.astype(np.float32), CAMERA)
@@ -67,7 +67,7 @@ def planned(boxes, predictor, regions="auto", **planning):
     planner = Planner(
         config,
         load_gripper("rg2"),
-        Detector([Detection(index >= 0)]),
+        Detector([Detection(detection(index))]),
         predictor,
         grasp_critic=critic,
     )
@@ -90,6 +90,31 @@ def test_two_things_in_a_detection_get_grasps_each():
     piece = result.regions.mask(1, width, height)
     assert (index[piece] == 1).mean() > 0.95
     assert piece.sum() > 0.9 * (index == 1).sum()
+
+
+def with_strip(share):
+    """Return a detection of the first box that holds a strip of the second, this much of it."""
+
+    def detection(index):
+        strip = np.cumsum((index == 1).ravel()).reshape(index.shape)
+        return (index == 0) | (index == 1) & (strip <= share * np.count_nonzero(index == 0))
+
+    return detection
+
+
+def test_a_strip_of_another_thing_is_left_to_it():
+    result, index = planned([LARGE, SMALL], NoSymmetry(), detection=with_strip(0.06))
+    height, width = index.shape
+    own = result.regions.mask(0, width, height)
+    assert not (own & (index == 1)).any()
+    assert own.sum() > 0.95 * (index == 0).sum()
+    assert held(result, index)[0] == {0}
+
+
+def test_a_strip_no_wider_than_the_error_of_a_mask_is_kept():
+    result, index = planned([LARGE, SMALL], NoSymmetry(), detection=with_strip(0.01))
+    height, width = index.shape
+    assert (result.regions.mask(0, width, height) & (index == 1)).any()
 
 
 def test_one_thing_stays_one_region():

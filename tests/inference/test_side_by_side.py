@@ -54,10 +54,19 @@ def test_one_core_takes_one_frame_after_the_other(monkeypatch):
     assert (found.backend, found.workers) == ("threading", 1)
 
 
-@pytest.mark.parametrize("backend", ["threading", "loky"])
-def test_a_network_that_does_not_load_is_reported_before_any_frame(tmp_path, backend):
+@pytest.mark.parametrize(
+    ("backend", "config", "model"),
+    [
+        ("threading", InferConfig(), "network"),
+        # Processes, which would load torch first, are given a critic, which needs none.
+        ("loky", InferConfig(regions="geometric", method="symmetry-icp"), "grasp_critic"),
+    ],
+)
+def test_a_network_that_does_not_load_is_reported_before_any_frame(
+    tmp_path, backend, config, model
+):
     (tmp_path / "w.safetensors").write_bytes(b"no weights")
-    paths = InferPaths(tmp_path, tmp_path / "g.h5", network=tmp_path / "w.safetensors")
-    settings = Settings(paths, InferConfig(), 0, "cpu", timings=False)
+    paths = InferPaths(tmp_path, tmp_path / "g.h5", **{model: tmp_path / "w.safetensors"})
+    settings = Settings(paths, config, 0, "cpu", timings=False)
     with pytest.raises(SymgraspError, match=r"w\.safetensors"):
         load(settings, dataclasses.replace(OPTIONS, workers=2, backend=backend))

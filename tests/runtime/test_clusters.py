@@ -11,7 +11,7 @@ from functools import partial
 
 import psutil
 import pytest
-from joblib import delayed
+from joblib.externals.loky import process_executor
 
 from pipelines.configs import InferConfig
 from pipelines.errors import SymgraspError, UnknownNameError
@@ -47,6 +47,8 @@ def write_process(item):
         raise SymgraspError("bad is bad; good would be right")
     gpus = os.environ.get("CUDA_VISIBLE_DEVICES", "all")
     told = {"provenance": item.stamp.as_json(), "process": os.getpid(), "gpus": gpus}
+    told |= {"tunables": os.environ.get(TUNABLES)}
+    told |= {"leak": str(process_executor._MAX_MEMORY_LEAK_SIZE)}
     write_json(item.target, told)
 
 
@@ -62,15 +64,41 @@ def test_dasks_workers_are_other_processes_and_a_bad_item_fails_alone(tmp_path):
     assert_others_do_all_but_the_bad_item(dask_of(2), tmp_path)
 
 
-def test_workers_that_are_ended_are_gone_and_others_do_the_next_batch(tmp_path):
+@pytest.fixture(scope="module")
+def batches(tmp_path_factory):
+    """What two batches tell, the user's tunables, and who lives after; workers end in between."""
     end_workers()  # those of tests before
-    for folder in ("first", "second"):
-        work = items(tmp_path / folder, ["a", "b"])
-        run_batch("toy", work, write_process, replace(QUIET, workers=2))
-        processes = {read_json(item.target)["process"] for item in work}
-        assert os.getpid() not in processes
+    folder, found = tmp_path_factory.mktemp("batches"), []
+    for users in (None, "glibc.malloc.check=0"):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.delenv(TUNABLES, raising=False)
+            if users is not None:
+                patch.setenv(TUNABLES, users)
+            work = items(folder / str(users is None), ["a", "b"])
+            run_batch("toy", work, write_process, replace(QUIET, workers=2))
+            left = os.environ.get(TUNABLES)
+        told = [read_json(item.target) for item in work]
         end_workers()
-        assert not any(map(psutil.pid_exists, processes))
+        alive = [each for each in told if psutil.pid_exists(each["process"])]
+        found.append((told, users, left, alive))
+    return found
+
+
+def test_workers_that_are_ended_are_gone_and_others_do_the_next_batch(batches):
+    for told, _, _, alive in batches:
+        assert os.getpid() not in {each["process"] for each in told}
+        assert not alive
+
+
+def test_workers_are_told_of_huge_pages_unless_the_user_tells_them_something(batches):
+    for told, users, left, _ in batches:
+        assert [each["tunables"] for each in told] == [users or HUGE_PAGES] * 2
+        assert left == users
+
+
+def test_a_worker_that_loads_networks_is_not_taken_for_a_leak(batches):
+    for told, *_ in batches:
+        assert [each["leak"] for each in told] == ["inf"] * 2
 
 
 def end_itself(item):
@@ -145,43 +173,6 @@ def test_rays_agents_end_within_seconds_with_an_owner_that_is_killed():
     assert not left
 
 
-def write_leak_limit(item):
-    from joblib.externals.loky import process_executor
-
-    limit = str(process_executor._MAX_MEMORY_LEAK_SIZE)
-    write_json(item.target, {"provenance": item.stamp.as_json(), "limit": limit})
-
-
-def test_a_worker_that_loads_networks_is_not_taken_for_a_leak(tmp_path):
-    (item,) = items(tmp_path, ["a"])
-    with workers_of("loky", 2) as run:
-        list(run(delayed(write_leak_limit)(each) for each in (item, item)))
-    end_workers()
-    assert read_json(item.target)["limit"] == "inf"
-
-
-def write_tunables(item):
-    tunables = os.environ.get(TUNABLES)
-    write_json(item.target, {"provenance": item.stamp.as_json(), "tunables": tunables})
-
-
-@pytest.mark.parametrize("users", [None, "glibc.malloc.check=0"])
-def test_workers_are_told_of_huge_pages_unless_the_user_tells_them_something(
-    tmp_path, monkeypatch, users
-):
-    if users is None:
-        monkeypatch.delenv(TUNABLES, raising=False)
-    else:
-        monkeypatch.setenv(TUNABLES, users)
-    end_workers()
-    both = items(tmp_path, ["a", "b"])
-    run_batch("toy", both, write_tunables, replace(QUIET, workers=2))
-    end_workers()
-    for item in both:
-        assert read_json(item.target)["tunables"] == (users or HUGE_PAGES)
-    assert os.environ.get(TUNABLES) == users
-
-
 @pytest.fixture(scope="module")
 def frames(tmp_path_factory):
     from tests.geometry.tabletops import Box, Can
@@ -242,7 +233,7 @@ def test_a_command_does_all_itself_where_the_system_has_no_semaphores(frames, al
 @pytest.fixture(scope="module")
 def client():
     distributed = pytest.importorskip("distributed", reason="the extra `dask` is not installed")
-    local = distributed.LocalCluster(n_workers=4, threads_per_worker=1, dashboard_address=None)
+    local = distributed.LocalCluster(n_workers=3, threads_per_worker=1, dashboard_address=None)
     with local, distributed.Client(local, set_as_default=False) as client:
         yield client
 
@@ -261,8 +252,8 @@ def test_dask_says_nothing_of_its_connections(client, tmp_path):
     assert not logging.getLogger("distributed.core").isEnabledFor(logging.INFO)
 
 
-def test_dask_writes_the_same_bytes_with_1_2_and_4_workers(client, frames, alone):
-    for workers in (4, 2, 1):
+def test_dask_writes_the_same_bytes_with_1_2_and_3_workers(client, frames, alone):
+    for workers in (3, 2, 1):
         client.retire_workers(list(client.ncores())[workers:], close_workers=True)
         assert len(client.ncores()) == workers
         output = frames.parent / f"{workers}.h5"  # files say where their frames lie from there
@@ -273,17 +264,15 @@ def test_dask_writes_the_same_bytes_with_1_2_and_4_workers(client, frames, alone
         assert output.read_bytes() == alone
 
 
-def test_ray_writes_the_same_bytes(frames, alone):
-    output = frames.parent / "ray.h5"
-    find_grasps(frames, output, ray_of(2))
-    assert output.read_bytes() == alone
-
-
-def test_rays_workers_are_other_processes_that_see_every_gpu(tmp_path, monkeypatch):
+def test_rays_workers_see_every_gpu_and_write_the_same_bytes(frames, alone, tmp_path, monkeypatch):
     options, ray = ray_of(2), pytest.importorskip("ray")
     monkeypatch.setattr(ray, "init", partial(ray.init, num_gpus=1))
     monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
-    assert_others_do_all_but_the_bad_item(options, tmp_path)
+    output = frames.parent / "ray.h5"
+    with workers_of("ray", 2):  # both batches find it there, as one after the other in a program
+        assert_others_do_all_but_the_bad_item(options, tmp_path)
+        find_grasps(frames, output, options)
+    assert output.read_bytes() == alone
     assert not logging.getLogger("ray.util").isEnabledFor(logging.WARNING)  # no lines of its own
     assert {read_json(tmp_path / f"{name}.json")["gpus"] for name in "ab"} == {"all"}
 

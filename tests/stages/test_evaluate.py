@@ -70,6 +70,20 @@ def truth_report(root, truth_file, tmp_path_factory) -> Path:
     return output
 
 
+@pytest.fixture(scope="module")
+def judged(root, truth_file, tmp_path_factory) -> Path:
+    """A report of the truth alone, beside no other method."""
+    output = tmp_path_factory.mktemp("judged") / "report.json"
+    assert len(run(truth_file, root, output).done) == len(SCENES)
+    return output
+
+
+@pytest.fixture
+def output(judged, tmp_path) -> Path:
+    """A copy of that report and its records, to go on from."""
+    return shutil.copytree(judged.parent, tmp_path, dirs_exist_ok=True) / judged.name
+
+
 def test_the_truth_as_prediction_has_every_average_precision_one(truth_report):
     found = figures(truth_report)
     assert found["symmetry_ap"] == {"reflection": 1.0, "rotation": 1.0, "sphere": 1.0}
@@ -206,9 +220,9 @@ def write_success(path: Path, grasps: Path, **content) -> Path:
     return path
 
 
-def test_success_stands_in_the_figures_and_needs_no_second_judging(root, truth_file, tmp_path):
-    output = tmp_path / "report.json"
-    run(truth_file, root, output)
+def test_success_stands_in_the_figures_and_needs_no_second_judging(
+    root, truth_file, output, tmp_path
+):
     success = write_success(tmp_path / "success.json", truth_file)
     assert run(truth_file, root, output, success=success).done == []
     assert figures(output)["success"]["sphere"]["held"] == 15
@@ -260,15 +274,14 @@ def test_success_of_other_grasps_is_refused_before_anything_is_judged(root, trut
 
 
 @pytest.mark.parametrize("kind", ["gripper", "symmetry", "meshes", "scenes"])
-def test_success_with_another_hand_or_dataset_is_refused(root, truth_file, tmp_path, kind):
-    run(truth_file, root, tmp_path / "report.json")
-    stamp = reports.read_report(tmp_path / "report.json")["provenance"]
+def test_success_with_another_hand_or_dataset_is_refused(root, truth_file, output, tmp_path, kind):
+    stamp = reports.read_report(output)["provenance"]
     success = write_success(tmp_path / "success.json", truth_file, provenance=stamp)
-    run(truth_file, root, tmp_path / "report.json", success=success)
+    run(truth_file, root, output, success=success)
     other = {"inputs": stamp["inputs"] | {kind: "sha256:0"}}
     success = write_success(tmp_path / "success.json", truth_file, provenance=other)
     with pytest.raises(FormatError, match=rf"success\.json.* other inputs \({kind}\); run"):
-        run(truth_file, root, tmp_path / "report.json", success=success)
+        run(truth_file, root, output, success=success)
 
 
 @pytest.mark.parametrize("content", [{"success": 3}, {"format_version": 9}])
@@ -313,17 +326,18 @@ evaluate.run(*paths, EvaluateConfig(min_visible_pixels=100), BatchOptions(progre
 """
 
 
-def test_a_killed_run_goes_on_where_it_was_and_gives_the_same_bytes(root, truth_file, tmp_path):
-    whole, output = tmp_path / "whole" / "report.json", tmp_path / "killed" / "report.json"
-    run(truth_file, root, whole)
+def test_a_killed_run_goes_on_where_it_was_and_gives_the_same_bytes(
+    root, truth_file, judged, tmp_path
+):
+    output = tmp_path / "report.json"
     command = [sys.executable, "-c", KILLED, str(truth_file), str(root.root), str(output)]
     assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
     assert not output.exists()
     report = run(truth_file, root, output)
     assert (len(report.skipped), len(report.done)) == (1, len(SCENES) - 1)
     for suffix in (".json", ".html"):
-        assert output.with_suffix(suffix).read_bytes() == whole.with_suffix(suffix).read_bytes()
-    folders = [records_folder(path) for path in (whole, output)]
+        assert output.with_suffix(suffix).read_bytes() == judged.with_suffix(suffix).read_bytes()
+    folders = [records_folder(path) for path in (judged, output)]
     names = [sorted(path.name for path in folder.iterdir()) for folder in folders]
     assert names[0] == names[1]
 
@@ -390,10 +404,8 @@ def test_a_failed_frame_counts_its_objects(root, tmp_path):
 
 
 def test_a_second_run_judges_nothing_again_and_an_interrupted_one_only_the_rest(
-    root, truth_file, tmp_path
+    root, truth_file, output
 ):
-    output = tmp_path / "report.json"
-    assert len(run(truth_file, root, output).done) == len(SCENES)
     whole = output.read_bytes()
     assert run(truth_file, root, output).done == []
     records = sorted(records_folder(output).iterdir())
@@ -403,9 +415,7 @@ def test_a_second_run_judges_nothing_again_and_an_interrupted_one_only_the_rest(
     assert output.read_bytes() == whole
 
 
-def test_a_report_of_other_grasps_is_not_replaced_unasked(root, truth_file, tmp_path):
-    output = tmp_path / "report.json"
-    run(truth_file, root, output)
+def test_a_report_of_other_grasps_is_not_replaced_unasked(root, output, tmp_path):
     write_grasps(tmp_path / "g.h5", [true_result(root, name, (0,)) for name in frame_names()])
     with pytest.raises(StaleOutputError, match="--overwrite"):
         run(tmp_path / "g.h5", root, output)

@@ -136,26 +136,27 @@ def test_the_tables_show_rates_with_intervals_and_reasons(truth_success):
     assert reasons.rows[-1] == ("all", "0.8", "0", "12")
 
 
-def test_two_workers_write_the_same_bytes_and_the_dataset_is_only_read(root, small_file, tmp_path):
-    before = content_of(root.root)
-    run(small_file, root, tmp_path / "one" / "success.json", baselines=True)
-    run(small_file, root, tmp_path / "two" / "success.json", baselines=True, workers=2)
-    assert content_of(tmp_path / "one") == content_of(tmp_path / "two")
-    assert content_of(root.root) == before
-
-
 @pytest.fixture(scope="module")
 def with_baselines(root, small_file, tmp_path_factory) -> Path:
+    """Other methods tried beside ours; the dataset is only read."""
+    before = content_of(root.root)
     output = tmp_path_factory.mktemp("baselines") / "success.json"
     assert run(small_file, root, output, baselines=True).exit_code == 0
+    assert content_of(root.root) == before
     return output
 
 
-def test_other_methods_are_tried_beside_ours_which_stay_as_they_are(
+def test_two_workers_write_the_same_bytes_and_the_dataset_is_only_read(
     root, small_file, with_baselines, tmp_path
 ):
-    run(small_file, root, tmp_path / "success.json")
-    alone, beside = read_json(tmp_path / "success.json"), read_json(with_baselines)
+    before = content_of(root.root)
+    run(small_file, root, tmp_path / "success.json", baselines=True, workers=2)
+    assert content_of(tmp_path) == content_of(with_baselines.parent)
+    assert content_of(root.root) == before
+
+
+def test_other_methods_are_tried_beside_ours_which_stay_as_they_are(truth_small, with_baselines):
+    alone, beside = read_json(truth_small), read_json(with_baselines)
     assert alone["baselines"] == {}
     assert (beside["success"], beside["reasons"]) == (alone["success"], alone["reasons"])
     assert list(beside["baselines"]) == list(BASELINE_ROWS)
@@ -217,23 +218,23 @@ simulate.run(*paths, config, BatchOptions(progress=False))
 """
 
 
-def test_a_killed_run_goes_on_where_it_was_and_gives_the_same_bytes(root, small_file, tmp_path):
-    whole, output = tmp_path / "whole" / "success.json", tmp_path / "killed" / "success.json"
-    run(small_file, root, whole)
+def test_a_killed_run_goes_on_where_it_was_and_gives_the_same_bytes(
+    root, small_file, truth_small, tmp_path
+):
+    output = tmp_path / "success.json"
     script = KILLED.format(function="write_trials")
     command = [sys.executable, "-c", script, str(small_file), str(root.root), str(output)]
     assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
     assert not output.exists()
     report = run(small_file, root, output)
     assert (len(report.skipped), len(report.done)) == (len(KINDS) + 1, len(SCENES) - 1)
-    assert content_of(output.parent) == content_of(whole.parent)
+    assert content_of(tmp_path) == content_of(truth_small.parent)
 
 
 def test_a_second_run_tries_nothing_again_and_an_interrupted_one_only_the_rest(
-    root, small_file, tmp_path
+    root, small_file, truth_small, tmp_path
 ):
-    output = tmp_path / "success.json"
-    run(small_file, root, output)
+    output = shutil.copytree(truth_small.parent, tmp_path, dirs_exist_ok=True) / truth_small.name
     whole = content_of(tmp_path)
     assert run(small_file, root, output).done == []
     records = sorted(simulate.trials_folder(output).iterdir())
@@ -243,9 +244,8 @@ def test_a_second_run_tries_nothing_again_and_an_interrupted_one_only_the_rest(
     assert content_of(tmp_path) == whole
 
 
-def test_rates_of_other_grasps_are_not_replaced_unasked(root, small_file, tmp_path):
-    output = tmp_path / "success.json"
-    run(small_file, root, output)
+def test_rates_of_other_grasps_are_not_replaced_unasked(root, small_file, truth_small, tmp_path):
+    output = shutil.copytree(truth_small.parent, tmp_path, dirs_exist_ok=True) / truth_small.name
     write_grasps(tmp_path / "g.h5", [true_result(root, name, (0,)) for name in frame_names()])
     with pytest.raises(StaleOutputError, match="--overwrite"):
         run(tmp_path / "g.h5", root, output)
@@ -370,9 +370,10 @@ def test_a_model_that_coacd_dies_of_is_tried_as_its_hull_and_named(tmp_path, mon
     assert read_json(output)["reasons"]["all"]["0.8"]["collision"] == 2
 
 
-def test_a_run_killed_while_it_cuts_models_leaves_no_half_pieces(root, small_file, tmp_path):
-    whole, output = tmp_path / "whole" / "success.json", tmp_path / "killed" / "success.json"
-    run(small_file, root, whole)
+def test_a_run_killed_while_it_cuts_models_leaves_no_half_pieces(
+    root, small_file, truth_small, tmp_path
+):
+    output = tmp_path / "success.json"
     script = KILLED.format(function="stamp_ahead")
     command = [sys.executable, "-c", script, str(small_file), str(root.root), str(output)]
     assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
@@ -381,7 +382,7 @@ def test_a_run_killed_while_it_cuts_models_leaves_no_half_pieces(root, small_fil
     assert len(convex_pieces.read(folder / "000.npz")) == 1
     report = run(small_file, root, output)
     assert report.skipped == ["model 000"]
-    assert content_of(output.parent) == content_of(whole.parent)
+    assert content_of(tmp_path) == content_of(truth_small.parent)
 
 
 def test_a_scene_with_a_damaged_label_fails_alone(tmp_path):

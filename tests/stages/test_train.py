@@ -165,7 +165,8 @@ def test_endless_regions_beside_packed_ones_resume_to_the_byte(packed, tmp_path)
     root = write_root(tmp_path / "root").root
     records = [ObjectRecord(i, f"object{i}", "toy", "seen") for i in range(3)]
     object_list.write(root / "objects.json", records, STAMP)
-    config = replace(CONFIG, epochs=1, endless=replace(ENDLESS, share=0.5))
+    endless = replace(ENDLESS, share=0.5, scenes_together=2)  # two groups are rendered ahead
+    config = replace(CONFIG, epochs=1, endless=endless)
     outputs = [tmp_path / name / "network.safetensors" for name in ("whole", "halves")]
     train.run(packed, None, outputs[0], config, REQUEST, endless=root)
     with stopped_after(2):

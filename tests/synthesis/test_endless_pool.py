@@ -30,28 +30,26 @@ def root(tmp_path_factory):
     return made.root
 
 
-def test_regions_are_the_same_in_any_order_within_their_group(root):
+def ask_to_end(pool, number):
+    for process in list(pool._pool._processes):
+        os.kill(process, number)
+
+
+def test_regions_are_the_same_in_any_order_and_come_from_processes_asked_to_end(root):
     here = EndlessScenes.of_root(root, FEW, 0)
     with EndlessPool(root, FEW, 0, 1) as pool:
         for scene, slot in ((1, 0), (0, 3), (2, 5), (3, 1), (5, 0)):
             ours, theirs = here.regions(scene)[slot], pool.region(scene, slot)
             np.testing.assert_array_equal(theirs.points, ours.points)
         assert min(pool._futures) >= 2  # what is past is forgotten
-        for process in list(pool._pool._processes):
-            os.kill(process, signal.SIGKILL)
-        pool._futures.clear()
-        with pytest.raises(SymgraspError, match="--resume goes on"):
-            pool.region(6, 0)
-
-
-def test_scenes_still_come_when_all_processes_are_asked_to_end(root):
-    here = EndlessScenes.of_root(root, FEW, 0)
-    with EndlessPool(root, FEW, 0, 1) as pool:
-        pool.region(0, 0)  # they have begun
-        for process in list(pool._pool._processes):
-            os.kill(process, signal.SIGTERM)
+        ask_to_end(pool, signal.SIGTERM)
+        assert 9 not in pool._futures  # it is rendered from here on
         ours, theirs = here.regions(9)[0], pool.region(9, 0)
         np.testing.assert_array_equal(theirs.points, ours.points)
+        ask_to_end(pool, signal.SIGKILL)
+        pool._futures.clear()
+        with pytest.raises(SymgraspError, match="--resume goes on"):
+            pool.region(10, 0)
 
 
 def test_a_missing_label_is_told_to_whoever_asks(tmp_path):
@@ -66,15 +64,6 @@ def test_a_missing_label_is_told_to_whoever_asks(tmp_path):
         pool.region(0, 0)
 
 
-def test_the_end_does_not_wait_for_scenes_that_are_rendered(root):
-    with EndlessPool(root, FEW, 0, 1) as pool:
-        pool.region(0, 0)
-        forever = pool._pool.submit(time.sleep, 3600.0)
-        (process,) = pool._pool._processes.values()
-    assert not process.is_alive()
-    assert forever.done()
-
-
 def write_half_a_result(marker):
     """Write the head of a result to the pool's pipe, and nothing after it."""
     frame = sys._getframe()
@@ -85,12 +74,19 @@ def write_half_a_result(marker):
     time.sleep(3600.0)
 
 
-def test_the_end_does_not_wait_for_the_rest_of_a_result(root, tmp_path):
+def test_the_end_waits_neither_for_scenes_that_are_rendered_nor_for_the_rest_of_a_result(
+    root, tmp_path
+):
     with EndlessPool(root, FEW, 0, 1) as pool:
+        pool.region(0, 0)
         cut_off = pool._pool.submit(write_half_a_result, tmp_path / "half")
+        waiting = pool._pool.submit(time.sleep, 3600.0)
         while not (tmp_path / "half").exists():
             time.sleep(0.05)
+        (process,) = pool._pool._processes.values()
+    assert not process.is_alive()
     assert cut_off.done()
+    assert waiting.done()
 
 
 def test_a_thread_that_loads_ahead_begins_no_process_once_the_pool_has_ended(root):

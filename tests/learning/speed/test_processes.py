@@ -1,6 +1,5 @@
 """Trainings in processes of their own: two that share every batch, one that is killed."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -9,9 +8,11 @@ from pathlib import Path
 
 import pytest
 import torch
+from torch.distributed import run as torchrun
 
 from pipelines import train
 from pipelines.configs import TrainConfig
+from pipelines.ending import signal_handlers_kept
 from pipelines.errors import ValueRangeError
 from pipelines.learning.loop.runs import RunRequest, checkpoint_path
 from pipelines.learning.speed.processes import Processes, process_group
@@ -22,7 +23,7 @@ from tests.learning.packed_toys import CONFIG, write_packed
 ROOT = Path(__file__).resolve().parents[3]
 TOYS = ("-m", "tests.learning.train_toys")
 REQUEST = RunRequest(device="cpu", threads=1)
-TORCHRUN = ("-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2")
+TWO = ("--standalone", "--nproc-per-node", "2")
 
 
 @pytest.fixture(scope="module")
@@ -38,18 +39,18 @@ def alone(packed, tmp_path_factory):
     return path
 
 
-def run(*arguments):
-    environment = os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
-    return subprocess.run(
-        [sys.executable, *map(str, arguments)],
-        cwd=ROOT, env=environment, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+@pytest.fixture(autouse=True)
+def surroundings(monkeypatch):
+    """What a training in a process of its own finds around it."""
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
 
 
 def test_two_processes_give_the_weights_of_one(packed, alone, tmp_path):
     output = tmp_path / "network.safetensors"
-    ended = run(*TORCHRUN, *TOYS, packed, output)
-    assert ended.returncode == 0, ended.stderr
+    with signal_handlers_kept():  # torchrun itself, here: torch is loaded already
+        torchrun.main([*TWO, *TOYS, str(packed), str(output)])  # raises what a process ends with
     expected, found = load_weights(alone)[0], load_weights(output)[0]
     for name, tensor in expected.items():
         torch.testing.assert_close(found[name], tensor, rtol=1e-4, atol=1e-5)
@@ -59,7 +60,8 @@ def test_two_processes_give_the_weights_of_one(packed, alone, tmp_path):
 
 def test_a_run_killed_in_mid_step_and_resumed_gives_the_same_bytes(packed, alone, tmp_path):
     output = tmp_path / "network.safetensors"
-    ended = run(*TOYS, packed, output, "--die-at", 6)
+    command = [sys.executable, *TOYS, packed, output, "--die-at", "6"]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
     assert ended.returncode == -signal.SIGKILL
     assert checkpoint_path(output).exists()
     train.run(packed, None, output, CONFIG, replace(REQUEST, resume=True))

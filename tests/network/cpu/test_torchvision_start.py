@@ -1,87 +1,92 @@
 """torchvision is imported without torch's compiler, which is there for who uses it."""
 
+import importlib
 import subprocess
 import sys
+from importlib.machinery import ModuleSpec
+from types import ModuleType
 
 import pytest
 
-LEFT_OUT = """
+from pipelines.network.cpu.torchvision_start import COMPILER, import_torchvision
+
+# One process, which imports the compiler once: the steps need it later and later.
+PROGRAM = """
 import sys
 import pipelines.network.detection.detector
 assert "torchvision" in sys.modules
 assert not [name for name in sys.modules if name.startswith("torch._dynamo")]
-"""
-ASKED_BY_TORCHVISION = (
-    LEFT_OUT
-    + """
-asked = sys.modules["torchvision.ops.roi_align"].is_compile_supported("cpu")
-import torch._dynamo.utils
-assert torch._dynamo.utils.__file__.endswith("utils.py")
-assert asked == torch._dynamo.utils.is_compile_supported("cpu")
-"""
-)
-COMPILES = (
-    LEFT_OUT
-    + """
+
 import torch
 doubled = torch.compile(lambda x: 2 * x + 1, backend="eager")
 assert doubled(torch.ones(2)).tolist() == [3.0, 3.0]
-assert torch._dynamo.utils is sys.modules["torch._dynamo.utils"]
-"""
-)
-LOADED_BEFORE = """
-import sys
-import torch._dynamo.utils as before
-import pipelines.network.detection.detector
-assert sys.modules["torch._dynamo.utils"] is before
-assert sys.modules["torchvision.ops.roi_align"].is_compile_supported is before.is_compile_supported
-"""
-WANTED_MEANWHILE = (
-    LOADED_BEFORE
-    + """
+real = sys.modules["torch._dynamo.utils"]
+assert torch._dynamo.utils is real and real.__file__.endswith("utils.py")
+
 from pipelines.network.cpu import torchvision_start as start
-stand_in = sys.modules[start.COMPILER] = start._StandIn(start.COMPILER)
-assert not hasattr(stand_in, "__file__") and sys.modules[start.COMPILER] is stand_in
-assert callable(stand_in.counters.clear)
+stand_in = sys.modules["torchvision.ops.roi_align"].is_compile_supported
+assert stand_in is start._StandIn.is_compile_supported
+assert stand_in("cpu") == real.is_compile_supported("cpu")
+
+wanted = sys.modules[start.COMPILER] = start._StandIn(start.COMPILER)
+assert not hasattr(wanted, "__file__") and sys.modules[start.COMPILER] is wanted
+assert callable(wanted.counters.clear)
 assert sys.modules[start.COMPILER].__file__.endswith("utils.py")
 """
-)
 
 
-# One that asks the compiler for nothing, and a torch without that module.
-ANOTHER_TORCHVISION = """
-import sys, types
-from importlib.machinery import ModuleSpec
-import torch
+class Torchvision:
+    """A finder of a torchvision that does `begin` when it is imported, without a compiler."""
 
-class Finder:
+    def __init__(self, begin):
+        self.begin = begin
+
     def find_spec(self, name, path=None, target=None):
-        if name == "torch._dynamo.utils":
+        if name == COMPILER:
             raise ModuleNotFoundError(name)
         return ModuleSpec(name, self) if name == "torchvision" else None
 
     def create_module(self, spec):
-        return types.ModuleType(spec.name)
+        return ModuleType(spec.name)
 
     def exec_module(self, module):
-        pass
-
-sys.meta_path.insert(0, Finder())
-import pipelines.network
-assert "torchvision" in sys.modules and "torch._dynamo.utils" not in sys.modules
-"""
+        self.begin(module)
 
 
-@pytest.mark.parametrize(
-    "program",
-    [
-        ASKED_BY_TORCHVISION,
-        COMPILES,
-        WANTED_MEANWHILE,
-        ANOTHER_TORCHVISION,
-    ],
-)
-def test_the_compiler_is_loaded_for_who_uses_it_alone(program):
-    command = [sys.executable, "-c", program]
+@pytest.fixture
+def installed(monkeypatch):
+    """A function that puts another torchvision in the place of the real one."""
+
+    def install(begin):
+        for name in ("torchvision", COMPILER):
+            monkeypatch.setitem(sys.modules, name, None)  # so that what is there comes back
+            del sys.modules[name]
+        monkeypatch.setattr(sys, "meta_path", [Torchvision(begin), *sys.meta_path])
+
+    return install
+
+
+def ask_the_compiler(module):
+    module.asked = importlib.import_module(COMPILER).is_compile_supported
+
+
+def test_the_compiler_is_loaded_for_who_uses_it_alone():
+    command = [sys.executable, "-c", PROGRAM]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_a_compiler_that_was_loaded_before_is_the_one_that_torchvision_has(installed):
+    installed(ask_the_compiler)
+    before = sys.modules[COMPILER] = ModuleType(COMPILER)
+    before.is_compile_supported = object()
+    import_torchvision()
+    assert importlib.import_module("torchvision").asked is before.is_compile_supported
+    assert sys.modules[COMPILER] is before
+
+
+def test_a_torchvision_that_asks_the_compiler_for_nothing_is_imported_without_it(installed):
+    installed(lambda module: None)
+    import_torchvision()
+    assert "torchvision" in sys.modules
+    assert COMPILER not in sys.modules

@@ -42,9 +42,8 @@ def save_weights(
     """
     from safetensors.torch import save  # noqa: PLC0415 - imports torch
 
-    plain = {name: tensor.detach().cpu().contiguous().clone() for name, tensor in tensors.items()}
     texts = dict(metadata) | ({"provenance": stamp.as_text()} if stamp is not None else {})
-    write_bytes(path, _sorted_header(save(plain, metadata=texts)))
+    write_bytes(path, *_sorted_header(save(_apart(tensors), metadata=texts)))
 
 
 def load_weights(path: Path) -> tuple[dict[str, "Tensor"], dict[str, str]]:
@@ -109,12 +108,26 @@ def load_training(path: Path) -> TrainingState:
         )
 
 
-def _sorted_header(data: bytes) -> bytes:
-    """Return a safetensors file with its metadata in order; the library's order is random."""
+def _apart(tensors: Mapping[str, "Tensor"]) -> dict[str, "Tensor"]:
+    """Return `tensors` on the CPU, copied where they share memory: the library refuses that."""
+    taken, plain = set(), {}
+    for name, tensor in tensors.items():
+        here = tensor.detach().cpu().contiguous()
+        memory = here.untyped_storage().data_ptr()
+        plain[name] = here.clone() if memory in taken else here
+        taken.add(memory)
+    return plain
+
+
+def _sorted_header(data: bytes) -> tuple[bytes, memoryview]:
+    """Return a safetensors file, its metadata in order, which the library's are not, and the rest.
+
+    The rest is the largest part by far and is not copied.
+    """
     length = int.from_bytes(data[:HEADER_LENGTH_BYTES], "little")
     start = HEADER_LENGTH_BYTES + length
     header = json.loads(data[HEADER_LENGTH_BYTES:start])
     header["__metadata__"] = dict(sorted(header.get("__metadata__", {}).items()))
     text = json.dumps(header, separators=(",", ":")).encode()
     text += b" " * (-len(text) % ALIGNMENT)
-    return len(text).to_bytes(HEADER_LENGTH_BYTES, "little") + text + data[start:]
+    return len(text).to_bytes(HEADER_LENGTH_BYTES, "little") + text, memoryview(data)[start:]

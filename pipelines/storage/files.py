@@ -92,10 +92,10 @@ def _umask() -> int:
     return mask
 
 
-def write_bytes(path: Path, data: bytes) -> None:
-    """Write `data` to `path` atomically."""
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(data)
+def write_bytes(path: Path, *parts: bytes | memoryview) -> None:
+    """Write `parts`, one after the other, to `path` atomically."""
+    with atomic_path(path) as temporary, temporary.open("wb") as stream:
+        stream.writelines(parts)
 
 
 def write_text(path: Path, text: str) -> None:

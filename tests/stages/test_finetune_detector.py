@@ -31,11 +31,12 @@ from tests.stages.toy_root import write_root
 
 CONFIG = FinetuneDetectorConfig(
     detector=DetectorConfig(min_size=96, max_size=128, min_confidence=0.0),
-    epochs=1,
+    epochs=2,  # of one step each
     batch_size=2,
     micro_batch_size=1,
     min_pixels=50,
 )
+SHORT = replace(CONFIG, epochs=1, frame_stride=2)
 REQUEST = RunRequest(device="cpu", threads=1)
 QUIET = BatchOptions(progress=False)
 
@@ -87,20 +88,18 @@ def test_a_finished_training_is_skipped(root, output):
     assert report.skipped == ["detector.safetensors"]
 
 
-def test_a_resumed_training_equals_one_that_never_stopped(root, tmp_path):
-    config = replace(CONFIG, epochs=2)  # of one step each
-    whole, path = (tmp_path / folder / "detector.safetensors" for folder in ("whole", "stopped"))
-    finetune_detector.run([root.root], whole, config, REQUEST, split=None, options=QUIET)
+def test_a_resumed_training_equals_one_that_never_stopped(root, output, tmp_path):
+    path = tmp_path / output.name
     with stopped_after(1):
         report = finetune_detector.run(
-            [root.root], path, config, REQUEST, split=None, options=QUIET
+            [root.root], path, CONFIG, REQUEST, split=None, options=QUIET
         )
     assert report.notes[path.name].startswith("1 steps")
     assert "finished" not in report.notes[path.name]
     resumed = replace(REQUEST, resume=True)
-    report = finetune_detector.run([root.root], path, config, resumed, split=None, options=QUIET)
+    report = finetune_detector.run([root.root], path, CONFIG, resumed, split=None, options=QUIET)
     assert report.done
-    assert path.read_bytes() == whole.read_bytes()
+    assert path.read_bytes() == output.read_bytes()
 
 
 def test_a_scene_that_has_gained_frames_is_prepared_anew(tmp_path):
@@ -176,7 +175,7 @@ def test_a_kept_batch_gives_its_losses_again(root, output, tmp_path):
 
 
 def test_it_goes_on_from_given_weights(root, output, tmp_path):
-    still = replace(CONFIG, learning_rate=0.0, ema_decay=0.0)
+    still = replace(SHORT, learning_rate=0.0, ema_decay=0.0)
     path = tmp_path / "again.safetensors"
     finetune_detector.run([root.root], path, still, REQUEST, split=None, init=output, options=QUIET)
     before, after = load_weights(output)[0], load_weights(path)[0]
@@ -201,12 +200,12 @@ def test_it_learns_from_several_roots(root, tmp_path):
     other = tmp_path / "other"
     shutil.copytree(root.root, other)
     path, roots = tmp_path / "detector.safetensors", [root.root, other]
-    report = finetune_detector.run(roots, path, CONFIG, REQUEST, split=None, options=QUIET)
+    report = finetune_detector.run(roots, path, SHORT, REQUEST, split=None, options=QUIET)
     assert report.done == ["detector.safetensors"]
     files = [sorted(finetune_detector.frames_folder(path, each).glob("*.h5")) for each in roots]
     assert [file.name for file in files[0]] == [file.name for file in files[1]]
     scenes = [f"{file.parent.name}/{file.stem}" for each in files for file in each]
-    frames = finetune_detector.frames_of(roots, path, scenes, CONFIG, 0)
+    frames = finetune_detector.frames_of(roots, path, scenes, SHORT, 0)
     for keys in frames.train, frames.val:
         assert {file.parent.name for file, _ in keys} == {root.root.name, "other"}
     assert not set(frames.train) & set(frames.val)
@@ -222,11 +221,11 @@ def test_scenes_that_an_earlier_run_prepared_with_another_split_are_not_learned(
             both / f"scenes/scene_{number - 1:04d}", both / f"scenes/scene_{number:04d}"
         )
     path, frames = tmp_path / "detector.safetensors", []
-    with stopped_after(1):
-        finetune_detector.run([both], path, CONFIG, REQUEST, split=None, options=QUIET)
+    with stopped_after(0):
+        finetune_detector.run([both], path, SHORT, REQUEST, split=None, options=QUIET)
     resumed = replace(REQUEST, resume=True)
     with pytest.raises(SymgraspError, match="was made with other data"):
-        finetune_detector.run([both], path, CONFIG, resumed, split="seen", options=QUIET)
+        finetune_detector.run([both], path, SHORT, resumed, split="seen", options=QUIET)
     made = DetectorTraining.__init__
 
     def watched(trainee, detector, sets, *rest):
@@ -234,9 +233,9 @@ def test_scenes_that_an_earlier_run_prepared_with_another_split_are_not_learned(
         made(trainee, detector, sets, *rest)
 
     monkeypatch.setattr(DetectorTraining, "__init__", watched)
-    with stopped_after(1):
+    with stopped_after(0):
         again = replace(REQUEST, overwrite=True)
-        finetune_detector.run([both], path, CONFIG, again, split="seen", options=QUIET)
+        finetune_detector.run([both], path, SHORT, again, split="seen", options=QUIET)
     shown = {file.stem[:10] for file, _ in frames[0].train + frames[0].val}
     assert shown == {"scene_0100", "scene_0101"}
 

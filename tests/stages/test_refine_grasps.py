@@ -41,7 +41,9 @@ from pipelines.refinement.copies import Copier
 from pipelines.runtime.batch import BatchOptions
 from tests.stages.dataset_root import write_root
 
-ANNOTATE = AnnotateSymmetryConfig(num_samples=8000, num_verification_samples=1000)
+ANNOTATE = AnnotateSymmetryConfig(
+    num_samples=8000, num_verification_samples=1000, plane_directions=400, axis_directions=250
+)
 CONFIG = RefineGraspsConfig(copies_per_turn=12, num_surface_points=1024)
 QUIET = BatchOptions(progress=False)
 

@@ -15,6 +15,7 @@ from pipelines.dataset.graspnet.graspnet_labels import read_rect, write_rect
 from pipelines.dataset.training.region_frames import split_frames
 from pipelines.errors import MissingInputError, UnknownNameError, ValueRangeError
 from pipelines.grasp_files.grasps_stream import read_index, read_results
+from pipelines.inference.peers.pointnetgpd import AT_ONCE, MOST_SCORED
 from pipelines.learning.loop.faults import save_fault
 from pipelines.learning.loop.runs import RunRequest
 from pipelines.learning.peers.peer import count_peer_frames
@@ -22,6 +23,7 @@ from pipelines.learning.peers.registry import TRAINED_PEERS, trained_peer
 from pipelines.learning.speed.gradients import loss_seed
 from pipelines.learning.speed.processes import Processes
 from pipelines.network.peers.graspnet import GRASPNET_SIZES, Sizes
+from pipelines.network.peers.multi_grasp import LONG_SIDES, SHORT_SIDES
 from pipelines.network.peers.trained import PEER_NETWORKS
 from pipelines.runtime.batch import BatchOptions
 from pipelines.storage.checkpoints import load_weights
@@ -36,10 +38,13 @@ QUIET = BatchOptions(progress=False)
 
 
 @pytest.fixture(scope="module", autouse=True)
-def small_graspnet():
-    """Let GraspNet see an eighth of its points: the toys are few and small."""
+def small_networks():
+    """Let the networks see a few of their points, pixels and hands: the toys are few and small."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(GRASPNET_SIZES, "light", Sizes(1024, (256, 128, 64, 32), (8, 8, 8, 8), 16))
+        patch.setitem(SHORT_SIDES, "light", 96)
+        patch.setitem(LONG_SIDES, "light", 128)
+        patch.setitem(MOST_SCORED, "light", AT_ONCE + 16)
         yield
 
 

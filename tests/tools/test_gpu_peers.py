@@ -11,6 +11,7 @@ from pipelines.learning.peers import graspnet_clouds
 from pipelines.learning.peers.graspnet_clouds import labelled_scene
 from pipelines.learning.peers.graspnet_labels import graspnet_frame_arrays
 from pipelines.learning.peers.peer import read_peer_frame, write_peer_frames
+from pipelines.network.peers.graspnet import GRASPNET_SIZES, Sizes
 from pipelines.storage.checkpoints import load_weights
 from pipelines.storage.provenance import make_stamp, read_stamp
 from tests.stages.toy_grasp_labels import write_labels
@@ -98,7 +99,9 @@ def test_fewer_labelled_points_are_drawn_at_random(frames, monkeypatch):
     assert not torch.equal(drawn[0].places, drawn[1].places)
 
 
-def test_a_training_from_frames_alone_goes_on_from_its_checkpoint(frames, tmp_path):
+def test_a_training_from_frames_alone_goes_on_from_its_checkpoint(frames, tmp_path, monkeypatch):
+    few = Sizes(512, (128, 64, 32, 16), (8, 8, 8, 8), 16)
+    monkeypatch.setitem(GRASPNET_SIZES, "light", few)
     for scene in (0, 1):
         write_peer_frames(tmp_path / f"frames/scene_000{scene}_toy.h5", frames, STAMP)
     out = tmp_path / "graspnet.safetensors"

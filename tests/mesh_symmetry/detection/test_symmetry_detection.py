@@ -16,7 +16,9 @@ from pipelines.geometry.transforms import make_pose, random_rotation
 from pipelines.mesh_symmetry.detection.symmetry_detection import analyse_body, detect_symmetries
 from tests.geometry.symmetric_shapes import ball, box, cylinder, hex_prism, l_shape, pebble
 
-QUICK = AnnotateSymmetryConfig(num_samples=8000, num_verification_samples=1000)
+QUICK = AnnotateSymmetryConfig(
+    num_samples=8000, num_verification_samples=1000, plane_directions=400, axis_directions=250
+)
 TOLERANCE_DEG = 0.3
 Z = np.eye(3)[2]
 

@@ -7,7 +7,9 @@ from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.mesh_symmetry.detection.symmetry_detection import analyse
 from pipelines.synthesis.objects.families.catalogue import SEALED, WIDER_FAMILIES, make_shape
 
-QUICK = AnnotateSymmetryConfig(num_samples=8000, num_verification_samples=1000)
+QUICK = AnnotateSymmetryConfig(
+    num_samples=8000, num_verification_samples=1000, plane_directions=400, axis_directions=250
+)
 MOST_PLANES, IMPLIED = 3, 2  # an object's planes in a label; the order of two planes' axis
 
 

@@ -26,7 +26,7 @@ from tests.synthesis import naive_labels
 Array = NDArray[np.float64]
 
 SIDES = np.array([0.04, 0.06, 0.10])
-CONFIG = LabelConfig(num_points=24)
+CONFIG = LabelConfig(num_points=12)
 R = view_rotations().astype(np.float64)
 
 
@@ -81,8 +81,8 @@ def blob() -> Mesh:
 @pytest.mark.parametrize("make", [cup, fork, blob])
 def test_friction_width_and_collision_equal_a_slow_check(make: Callable[[], Mesh]) -> None:
     mesh, rng = make(), np.random.default_rng(7)
-    made = sample_grasp_label(mesh, LabelConfig(num_points=12), rng)
-    anywhere = np.stack([rng.integers(0, n, 1000) for n in made.min_friction.shape], axis=1)
+    made = sample_grasp_label(mesh, LabelConfig(num_points=8), rng)
+    anywhere = np.stack([rng.integers(0, n, 600) for n in made.min_friction.shape], axis=1)
     holding = rng.permutation(np.argwhere(made.min_friction > 0))[:100]
     free = rng.permutation(np.argwhere(~made.collision))[:100]
     assert len(free) > 20
@@ -110,7 +110,7 @@ def test_a_thin_wall_is_held_with_one_finger_inside_the_cup() -> None:
 
 
 def test_a_gap_too_narrow_for_a_finger_is_spanned() -> None:
-    made = sample_grasp_label(fork(), LabelConfig(num_points=30), np.random.default_rng(4))
+    made = sample_grasp_label(fork(), LabelConfig(num_points=12), np.random.default_rng(4))
     tines = made.points[:, 1] > 0.02
     free = ~made.collision[tines]
     assert (made.offsets[tines][free][:, 2] > 0.03).any()  # around all four
@@ -130,7 +130,8 @@ def test_candidates_without_friction_are_marked_as_colliding(label: GraspLabel) 
 
 
 def test_objects_wider_than_the_opening_are_infeasible(label: GraspLabel) -> None:
-    narrow = sample_grasp_label(box(), replace(CONFIG, max_width=0.05), np.random.default_rng(5))
+    target = LabelTarget.from_mesh(box())
+    narrow = label_points(target, label.points, replace(CONFIG, max_width=0.05))
     wide = label.offsets[..., 2] > 0.0601  # farther contact beyond 25 mm
     assert (label.min_friction[wide] > 0).any()
     assert (narrow.min_friction[wide] < 0).all()
@@ -140,15 +141,13 @@ def test_objects_wider_than_the_opening_are_infeasible(label: GraspLabel) -> Non
 
 
 def test_gripping_the_short_side_from_above_is_feasible_and_free() -> None:
-    label = sample_grasp_label(box(), LabelConfig(num_points=48), np.random.default_rng(2))
-    x, y, _ = np.abs(label.points).T
-    on_top = (label.points[:, 2] > 0.0499) & (x < 0.01) & (y < 0.02)
-    assert on_top.any()
+    on_top = np.float32([[0.0, 0.0, 0.05], [0.009, -0.019, 0.05], [-0.005, 0.012, 0.05]])
+    label = label_points(LabelTarget.from_mesh(box()), on_top, CONFIG)
     view, angle = np.nonzero((R[..., 2, 0] < -0.98) & (np.abs(R[..., 0, 1]) > 0.98))
     assert len(view)
     chosen = (slice(None), view, angle, slice(0, 2))  # tips 1 and 2 cm below the top
-    assert (label.min_friction[chosen][on_top] > 0).all()
-    assert not label.collision[chosen][on_top].any()
+    assert (label.min_friction[chosen] > 0).all()
+    assert not label.collision[chosen].any()
 
 
 def test_a_palm_within_the_object_collides() -> None:
@@ -163,8 +162,9 @@ def test_a_palm_within_the_object_collides() -> None:
     assert label.collision[inner][:, across][feasible].all()
 
 
-def test_same_seed_gives_same_arrays(label: GraspLabel) -> None:
-    again = sample_grasp_label(box(), CONFIG, np.random.default_rng(5))
+def test_same_seed_gives_same_arrays() -> None:
+    few = LabelConfig(num_points=3)
+    label, again = (sample_grasp_label(box(), few, np.random.default_rng(5)) for _ in range(2))
     for name in ("points", "offsets", "collision", "min_friction"):
         np.testing.assert_array_equal(getattr(again, name), getattr(label, name))
 
@@ -200,6 +200,7 @@ def test_a_wall_forbids_the_approaches_that_reach_into_it(label: GraspLabel) -> 
     [free] = scene_collisions([label], meshes, poses, table_height=-9.0)
     [walled] = scene_collisions([label], meshes, poses, table_height=-9.0, surroundings=[beside])
     near, from_wall = label.points[:, 0] > 0.019, R[..., 0, 0] < -0.5  # 2 mm before the wall
+    assert near.any()
     assert (free & ~walled).sum() == 0
     assert walled[near][:, from_wall].all()
     assert (~free & walled).any()

@@ -20,22 +20,23 @@ from pipelines.synthesis.objects.families.catalogue import FAMILIES, make_shape
 from pipelines.synthesis.objects.pools import FAMILIES_OF_POOL, make_object
 
 ASYMMETRIC = ("lumpy", "sculpture", "stone", "heap", "decoy_carton", "slipper", "carved")
+FLAT = 1e-7  # metres; the triangles of a face that lie within it are one to the solid
 every_family = pytest.mark.parametrize("family", FAMILIES)
+made_once = cache(make_object)
 
 
 def make_pool(pool, count, seed):
     return [make_object(pool, index, seed) for index in range(count)]
 
 
-@cache
 def instance(family):
     pool = next(pool for pool in FAMILIES_OF_POOL if family in FAMILIES_OF_POOL[pool])
-    return make_object(pool, FAMILIES_OF_POOL[pool].index(family), seed=11)
+    return made_once(pool, FAMILIES_OF_POOL[pool].index(family), 11)
 
 
 @cache
 def whole_pool(pool):
-    return make_pool(pool, len(FAMILIES_OF_POOL[pool]), seed=11)
+    return [made_once(pool, index, 11) for index in range(len(FAMILIES_OF_POOL[pool]))]
 
 
 @cache
@@ -48,7 +49,7 @@ def solid(family):
     mesh = instance(family).mesh
     # Copies: the library takes only writable arrays.
     vertices = np.array(mesh.vertices, order="C")
-    return Manifold(Mesh64(vertices, np.array(mesh.faces, np.uint64, order="C")))
+    return Manifold(Mesh64(vertices, np.array(mesh.faces, np.uint64, order="C"))).simplify(FLAT)
 
 
 def gap(family, image_of):

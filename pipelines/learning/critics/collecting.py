@@ -106,7 +106,8 @@ class Collector:
     def observed(self, files: FrameFiles) -> ObservedFrame:
         """Return the regions of one frame that are large enough to be planned."""
         image, truth = self.reader.root.read_frame(files), self.reader.read(files)
-        detector = models.detector(self.paths.detector, "cpu")
+        detects = self.config.infer.regions != "geometric"
+        detector = models.detector(self.paths.detector, "cpu") if detects else None
         predictor = models.predictor(self.paths.network, "cpu", self.config.infer.mirrored)
         rng = np.random.default_rng(self.seed)
         seen = observe(image, self.config.infer, rng, detector=detector)

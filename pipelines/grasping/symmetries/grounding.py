@@ -29,7 +29,6 @@ from pipelines.grasping.symmetries.axis_candidates import starting_axes
 from pipelines.grasping.symmetries.axis_critic import AxisCritic
 from pipelines.grasping.symmetries.observed_frustum import in_observed_frustum
 from pipelines.grasping.symmetries.plane_evidence import SAME_FIT, RegionEvidence, likely_planes
-from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
 from pipelines.grasping.symmetries.sources import BY_CANDIDATES, NETWORK, SHAPE, SOURCE_NAMES
 
 NUM_POINTS = 400  # of the region that are fitted; chosen by eye, as the next two
@@ -87,7 +86,7 @@ def ground_symmetries(
     scene: SceneCloud,
     critics: SymmetryCritics,
     candidates: SymmetrySource = "network+shape",
-) -> RegionSymmetries:
+) -> SymmetrySlots:
     """Return the predicted `slots` fitted to `region`, with the confidence in each.
 
     Planes are ordered by confidence: they leave the slots that predicted them.
@@ -103,7 +102,7 @@ def ground_symmetries(
         (slot, *plane) for slot, plane in zip(REFLECTION_SLOTS, planes, strict=False)
     ]
     fitted += [(ROTATION_SLOT, *axis), (SPHERE_SLOT, *sphere)]
-    found = RegionSymmetries.of(each[:3] for each in fitted)
+    found = SymmetrySlots.of(each[:3] for each in fitted)
     for slot, _, _, source in fitted:
         found.source[slot] = SOURCE_NAMES[source]
     return found

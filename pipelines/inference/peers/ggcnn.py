@@ -20,7 +20,7 @@ from pipelines.tabletop.whole_depth import whole_depth
 
 @dataclass(frozen=True)
 class GGCNNMethod:
-    """A `FrameMethod`: a trained GG-CNN or GG-CNN2."""
+    """A trained GG-CNN or GG-CNN2; `grasps` is a `FrameMethod`."""
 
     network: GGCNN
     gripper: Gripper

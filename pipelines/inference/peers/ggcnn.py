@@ -14,8 +14,7 @@ from pipelines.grasping.peers.grasp_maps import MAP_SIDE, GraspMaps, scaled_rows
 from pipelines.grasping.peers.rectangles import rectangle_grasps
 from pipelines.grasping.scene import SceneCloud
 from pipelines.network.peers.ggcnn import GGCNN, SIDES_BY
-from pipelines.network.peers.ggcnn_input import normalised
-from pipelines.tabletop.whole_depth import whole_depth
+from pipelines.network.peers.ggcnn_input import normalised, whole_depth
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import json
 import math
 import time
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 
 import torch
@@ -62,7 +63,7 @@ class Keeper:
             "best": self._best,
         }
         model = {f"{kind}.{n}": each for kind, group in groups.items() for n, each in group.items()}
-        state = TrainingState(model, self.optimizer.state_dict(), progress.as_json())
+        state = TrainingState(model, self.optimizer.state_dict(), asdict(progress))
         save_training(checkpoint_path(self.output), state, self.stamp)
 
     def judge(

@@ -1,7 +1,7 @@
 """A requested training, the files it owns, and the progress of an earlier run."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -52,12 +52,8 @@ class Progress:
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> "Progress":
-        """Return what `as_json` gave."""
+        """Return what `dataclasses.asdict` made a JSON object of."""
         return cls(**{**content, "history": History(**content.get("history", {}))})
-
-    def as_json(self) -> dict[str, Any]:
-        """Return it as a JSON object."""
-        return asdict(self)
 
 
 def checkpoint_path(output: Path) -> Path:

@@ -27,23 +27,16 @@ VOTING_STRIDE = 3
 
 
 @dataclass(frozen=True)
-class RegionPrediction:
-    """The network's output for one region, camera frame, metres.
+class RegionPrediction(RegionOutputs):
+    """The outputs for one region, camera frame: of N points, and M votes for symmetries.
+
+    Every third point votes, with a mirrored copy twice.
 
     Attributes:
         index: (N,) indices of the region's points that were drawn; some twice where it has fewer.
-        affordance: (N,) in [0, 1].
-        existence: (M, 5) probabilities, of every third point, with a mirrored copy twice; slots 0-2
-            reflection, 3 rotation, 4 sphere.
-        center: (M, 5, 3).
-        direction: (M, 5, 3) unit; zeros for the sphere.
     """
 
     index: NDArray[np.int64]
-    affordance: Singles
-    existence: Singles
-    center: Singles
-    direction: Singles
 
 
 class GraspPredictor:
@@ -107,7 +100,7 @@ class GraspPredictor:
         back = axes[:, None].astype(np.float32)
         centers = outputs.center @ back + centroid[:, :, None].astype(np.float32)
         direction = outputs.direction @ back
-        columns = (index, outputs.affordance, outputs.existence, centers, direction)
+        columns = (outputs.affordance, outputs.existence, centers, direction, index)
         return [RegionPrediction(*each) for each in zip(*columns, strict=True)]
 
     def _axes(self, centroids: Array, table: Plane | None) -> Array:

@@ -51,7 +51,7 @@ class Obstacles:
         return cells.points, self.count[cells.index], cells.start, cells.centre, cells.radius
 
 
-def collides(
+def bodies_meet(
     grasps: GraspPoses, gripper: Gripper, obstacles: Obstacles, config: FeasibilityConfig
 ) -> tuple[Mask, Array]:
     """Return which of n grasps collide (n,), and what the others enclose.

@@ -14,8 +14,8 @@ from pipelines.configs import FeasibilityConfig
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import unit
 from pipelines.grasping.feasibility.collision import (
+    bodies_meet,
     clearance,
-    collides,
     first_free,
     lowest_height,
 )
@@ -107,7 +107,7 @@ class Feasibility:
         swept = self.gripper.swept(self.config.approach_distance)
         for obstacles in (self.around.all, self.scene.coarse):
             left = np.flatnonzero(free)
-            met, _ = collides(grasps[left], swept, obstacles, self.config)
+            met, _ = bodies_meet(grasps[left], swept, obstacles, self.config)
             free[left] = ~met
         return free
 
@@ -115,7 +115,7 @@ class Feasibility:
         """Return (n,) which `grasps`, moved or widened from feasible ones, are feasible too."""
         left = np.flatnonzero(grasps.width <= self.gripper.max_width)
         left = left[self._well_placed(grasps[left])]
-        met, _ = collides(grasps[left], self.gripper, self.around.all, self.config)
+        met, _ = bodies_meet(grasps[left], self.gripper, self.around.all, self.config)
         left = left[~met]
         left = left[self.has_free_path(grasps[left])]
         allowed = np.zeros(len(grasps), np.bool_)

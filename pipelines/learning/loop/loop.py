@@ -21,7 +21,6 @@ from pipelines.configs import (
     TrainCriticConfig,
 )
 from pipelines.errors import ValueRangeError
-from pipelines.learning.loop.draws import generator
 from pipelines.learning.loop.faults import describe_losses, save_fault
 from pipelines.learning.loop.keeping import Keeper
 from pipelines.learning.loop.loaders import load_ahead
@@ -43,7 +42,7 @@ from pipelines.learning.speed.gradients import (
     intra_op_threads,
 )
 from pipelines.learning.speed.processes import Processes
-from pipelines.learning.speed.shares import cut
+from pipelines.learning.speed.shares import cut, generator
 from pipelines.learning.speed.weight_average import WeightAverage
 from pipelines.runtime.batch import StageReport
 from pipelines.runtime.stopping import Reason, StopSignals, TrainingStopped

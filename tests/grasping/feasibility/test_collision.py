@@ -16,8 +16,8 @@ from pipelines.geometry.transforms import (
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.feasibility.collision import (
     Obstacles,
+    bodies_meet,
     clearance,
-    collides,
     first_free,
     lowest_height,
 )
@@ -63,7 +63,7 @@ def test_grasps_collide_and_enclose_as_a_loop_finds(seed, count, allowed):
     rng = np.random.default_rng(seed)
     grasps, scene = random_grasps(rng, 15), random_scene(rng, count)
     config = FeasibilityConfig(body_margin=0.001, max_points_inside=allowed)
-    met, enclosed = collides(grasps, GRIPPER, scene, config)
+    met, enclosed = bodies_meet(grasps, GRIPPER, scene, config)
     for index in range(len(grasps)):
         expected = naive_inside(grasps, index, scene, 0.001) > allowed
         assert met[index] == expected
@@ -77,7 +77,7 @@ def test_the_first_free_grasps_collide_with_nothing_and_enclose_something(seed, 
     rng, config = np.random.default_rng(seed), FeasibilityConfig()
     grasps, scene = random_grasps(rng, 30)[np.arange(count) % 30], random_scene(rng, 20)
     stability = np.sort(np.round(rng.random(count), 1))[::-1].copy()
-    met, enclosed = collides(grasps, GRIPPER, scene, config)
+    met, enclosed = bodies_meet(grasps, GRIPPER, scene, config)
     expected = np.flatnonzero(~met & (enclosed >= config.min_enclosed))
     expected = expected[stability[expected] >= share * stability[expected].max(initial=0.0)][:most]
     found, height = first_free(grasps, GRIPPER, scene, config, stability, (share, most))
@@ -93,8 +93,8 @@ def test_moving_gripper_and_scene_together_changes_nothing(seed):
     T = make_pose(random_rotation(rng), rng.normal(size=3))
     moved = Obstacles(transform_points(T, scene.points), scene.count)
     config = FeasibilityConfig(body_margin=0.001, max_points_inside=4)
-    here, _ = collides(grasps, GRIPPER, scene, config)
-    there, _ = collides(grasps.transformed(T), GRIPPER, moved, config)
+    here, _ = bodies_meet(grasps, GRIPPER, scene, config)
+    there, _ = bodies_meet(grasps.transformed(T), GRIPPER, moved, config)
     assert (here == there).mean() > 0.9  # a point on a box's face may flip
     found = clearance(grasps.transformed(T), GRIPPER, moved, 0.05)
     np.testing.assert_allclose(found, clearance(grasps, GRIPPER, scene, 0.05), atol=1e-5)

@@ -14,7 +14,7 @@ from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, Sy
 from pipelines.geometry.transforms import invert, make_pose, rotate_vectors, unit
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.grasping.symmetries.grounding import Evidence, ground_symmetries
-from pipelines.grasping.symmetries.sources import NETWORK, SHAPE
+from pipelines.grasping.symmetries.plane_candidates import NETWORK, SHAPE
 from pipelines.inference import models
 
 CAMERA = Intrinsics(460.0, 460.0, 159.5, 119.5, 320, 240)

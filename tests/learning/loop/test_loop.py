@@ -22,7 +22,6 @@ from torch import nn
 from pipelines.configs import TrainConfig
 from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.learning.loop import loop
-from pipelines.learning.loop.draws import generator
 from pipelines.learning.loop.faults import read_fault
 from pipelines.learning.loop.loop import TrainingRun
 from pipelines.learning.loop.runs import (
@@ -35,7 +34,7 @@ from pipelines.learning.loop.runs import (
 )
 from pipelines.learning.speed.gradients import GradientWorkers
 from pipelines.learning.speed.processes import Processes
-from pipelines.learning.speed.shares import cut
+from pipelines.learning.speed.shares import cut, generator
 from pipelines.runtime.stopping import Reason, StopSignals, TrainingStopped
 from pipelines.storage.checkpoints import load_weights
 from pipelines.storage.provenance import make_stamp

@@ -73,7 +73,7 @@ class Intrinsics:
         return _pixels(rows, self.lens, int(self.width), int(self.height))
 
     def points_at(self, pixels: Array, z: Array) -> Array:
-        """Return the points (n, 3) of `pixels` (n, 2), u and v, at depths `z` (n,), camera frame."""
+        """Return the points (n, 3) at depths `z` (n,) on `pixels` (n, 2) as (u, v)."""
         x, y = (pixels[:, 0] - self.cx) / self.fx * z, (pixels[:, 1] - self.cy) / self.fy * z
         return np.stack([x, y, z], axis=1)
 

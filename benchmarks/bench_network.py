@@ -20,7 +20,7 @@ from pipelines.frames.frames import find_frames
 from pipelines.inference import models
 from pipelines.learning.grasp_network.grasp_training import Sample, sample_loss
 from pipelines.network.cpu.products import linear
-from pipelines.network.detection.detector_input import detector_image
+from pipelines.network.detection.detector import detector_image
 from pipelines.network.detection.mask_rcnn import build_detector
 from pipelines.network.losses import NUM_ERROR_POINTS
 from pipelines.network.model import SymmetryGraspNet

@@ -30,7 +30,7 @@ from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import atomic_folder
 from pipelines.storage.images import write_image
 from pipelines.storage.provenance import digest, is_finished, make_stamp, write_sidecar
-from pipelines.tabletop.table_frame import table_from_camera
+from pipelines.tabletop.levelling import table_from_camera
 
 STAGE = "workspace"
 GEOMETRIC = InferConfig(regions="geometric")

@@ -131,7 +131,7 @@ def write_oracle(name: str, root: GraspNetRoot, out: Path, scenes: int) -> int:
     labels = (
         CellLabels(root, gripper) if name == "graspnet" else RectangleLabels(root, name, gripper)
     )
-    planner = Planner(config, gripper, peer=labels)
+    planner = Planner(config, gripper, peer=labels.grasps)
     results = [
         planner.plan(root.read_frame(files), np.random.default_rng(0))
         for scene in root.scenes()[:scenes]

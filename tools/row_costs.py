@@ -14,7 +14,7 @@ import numpy as np
 from pipelines.evaluation.reports import GivenTable
 from pipelines.evaluation.rows import ordered_rows, report_row
 from pipelines.grasp_files.grasps_stream import read_index
-from pipelines.learning.loop.runs import Progress, checkpoint_path
+from pipelines.learning.loop.runs import CHECKPOINT, Progress, file_of_run
 from pipelines.storage.checkpoints import load_arrays, load_training
 from pipelines.storage.files import write_json
 from pipelines.storage.h5_files import open_h5
@@ -46,7 +46,7 @@ def parameters(path: Path) -> int:
 
 def training(path: Path) -> tuple[str, str]:
     """Return the steps and hours of the training that wrote the weights `path`, - if unknown."""
-    checkpoint = checkpoint_path(path)
+    checkpoint = file_of_run(path, CHECKPOINT)
     if checkpoint.exists():
         progress = Progress.of(load_training(checkpoint).progress)
         return f"{progress.total_steps:,}", f"{progress.seconds / 3600:.1f}"

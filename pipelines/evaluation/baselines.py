@@ -27,11 +27,10 @@ from pipelines.evaluation.truth import FrameTruth, TruthReader
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.geometry.transforms import invert, transform_points
 from pipelines.grasping.gripper import Gripper
-from pipelines.grasping.planner import Pass, Planar, Random, RegionModel, RegionPlanner
+from pipelines.grasping.planner import Pass, RegionModel, RegionPlanner, planar_pass, random_pass
 from pipelines.grasping.ranking.ranking import Critic
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.grasping.symmetries.completion import completions
-from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
 from pipelines.inference import models
 from pipelines.inference.observation import observe
 
@@ -83,16 +82,16 @@ class Baselines:
 
         return {
             "oracle": RowPredictions.from_ranked(oracle, symmetries),
-            "planar": alone(Planar(), by_eq8),
-            "planar-critic": alone(Planar(), ranked),
-            "random": alone(Random(rng), by_eq8),
+            "planar": alone(planar_pass(), by_eq8),
+            "planar-critic": alone(planar_pass(), ranked),
+            "random": alone(random_pass(rng), by_eq8),
         }
 
     def _true_models(
         self,
         clouds: list[RegionCloud],
         scene: SceneCloud,
-        symmetries: list[RegionSymmetries],
+        symmetries: list[SymmetrySlots],
         owners: RegionOwners,
         truth: FrameTruth,
     ) -> list[RegionModel]:
@@ -142,10 +141,10 @@ def rows_of(
     return rows
 
 
-def true_symmetries(instance: int, truth: FrameTruth) -> RegionSymmetries:
+def true_symmetries(instance: int, truth: FrameTruth) -> SymmetrySlots:
     """Return the symmetries of the true region with index `instance`; none for -1."""
     true = () if instance < 0 else truth.instances[instance].symmetries
-    return RegionSymmetries.unfitted(SymmetrySlots.from_symmetries(true))
+    return SymmetrySlots.from_symmetries(true)
 
 
 def _thinned(region: RegionCloud, rng: np.random.Generator) -> RegionCloud:

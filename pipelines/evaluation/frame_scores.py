@@ -10,11 +10,10 @@ from pipelines.configs import EvaluateConfig
 from pipelines.evaluation.predictions import FramePredictions, RowPredictions, ScoredGrasps
 from pipelines.evaluation.records import FrameRecord, RowRecord, ScoredPredictions, threshold_key
 from pipelines.evaluation.truth import FrameTruth
-from pipelines.geometry.symmetry import SYMMETRY_KINDS
+from pipelines.geometry.symmetry import SYMMETRY_KINDS, SymmetrySlots
 from pipelines.geometry.transforms import invert, nearest_orthogonal, transform_points
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
-from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
 from pipelines.metrics.coco_masks import IOU_THRESHOLDS, match_masks
 from pipelines.metrics.grasp_verdicts import Verdict, grasp_verdict
 from pipelines.metrics.graspnet.graspnet_ap import AP_FRICTIONS
@@ -161,14 +160,14 @@ def _object_verdict(
 
 
 def _scored_slots(
-    symmetries: Sequence[RegionSymmetries],
+    symmetries: Sequence[SymmetrySlots],
     owners: RegionOwners,
     truth: FrameTruth,
     config: EvaluateConfig,
 ) -> dict[str, ScoredPredictions]:
     """Return the verdicts on every slot of every region, whatever its confidence: AP ranks them."""
     predicted = [
-        PredictedSymmetry(symmetry, float(region.confidence[slot]), owner)
+        PredictedSymmetry(symmetry, float(region.existence[slot]), owner)
         for region, owner in zip(symmetries, owners.instance, strict=True)
         for slot, symmetry in region.between(0.0)
     ]

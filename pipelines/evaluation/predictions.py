@@ -5,11 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipelines.array_types import Array, Mask
-from pipelines.geometry.symmetry import SPHERE_SLOT
+from pipelines.geometry.symmetry import SPHERE_SLOT, SymmetrySlots
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.ranked_grasps import RankedGrasps
-from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
 
 
 @dataclass(frozen=True)
@@ -25,12 +24,12 @@ class RowPredictions:
 
     best: list[GraspPoses]
     rank_score: list[float]
-    symmetries: list[RegionSymmetries] | None = None
+    symmetries: list[SymmetrySlots] | None = None
     every: "ScoredGrasps | None" = None
 
     @classmethod
     def from_ranked(
-        cls, ranked: list[RankedGrasps], symmetries: list[RegionSymmetries] | None = None
+        cls, ranked: list[RankedGrasps], symmetries: list[SymmetrySlots] | None = None
     ) -> "RowPredictions":
         """Return the best of each region's grasps, which are in order."""
         score = [float(r.rank_score[0]) if len(r) else -np.inf for r in ranked]
@@ -95,7 +94,7 @@ class FramePredictions:
         )
 
 
-def _symmetries(regions: RegionTable, region: int) -> RegionSymmetries:
+def _symmetries(regions: RegionTable, region: int) -> SymmetrySlots:
     """Return a region's symmetries; those without parameters do not exist."""
     point = np.asarray(regions.symmetry_point[region], np.float64)
     direction = np.asarray(regions.symmetry_direction[region], np.float64)
@@ -103,4 +102,4 @@ def _symmetries(regions: RegionTable, region: int) -> RegionSymmetries:
     known &= np.isfinite(direction).all(axis=1) | (np.arange(len(point)) == SPHERE_SLOT)
     stored = regions.symmetry_confidence[region].astype(np.float64)
     confidence = np.where(known, np.nan_to_num(stored), 0.0)
-    return RegionSymmetries(confidence, point, direction)
+    return SymmetrySlots(confidence, point, direction)

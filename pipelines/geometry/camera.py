@@ -72,6 +72,11 @@ class Intrinsics:
         rows = np.ascontiguousarray(points, np.float64)
         return _pixels(rows, self.lens, int(self.width), int(self.height))
 
+    def points_at(self, pixels: Array, z: Array) -> Array:
+        """Return the points (n, 3) at depths `z` (n,) on `pixels` (n, 2) as (u, v)."""
+        x, y = (pixels[:, 0] - self.cx) / self.fx * z, (pixels[:, 1] - self.cy) / self.fy * z
+        return np.stack([x, y, z], axis=1)
+
     def rays(self) -> Array:
         """Return the points (H, W, 3) at depth 1 on the rays of the pixels, camera frame."""
         x, y = np.meshgrid(*self.image_plane)

@@ -98,10 +98,7 @@ def _region_image(
         return image
     T_obj_cam = invert(T_cam_obj)
     v, u = np.nonzero(shown)
-    rays = np.stack(
-        [(u - intrinsics.cx) / intrinsics.fx, (v - intrinsics.cy) / intrinsics.fy, np.ones(len(u))],
-        axis=1,
-    )
+    rays = intrinsics.points_at(np.stack([u, v], axis=1), np.ones(len(u)))
     origins = np.broadcast_to(T_obj_cam[:3, 3], rays.shape)
     triangle = first_hits(posed.mesh, origins, rotate_vectors(T_obj_cam, rays))[1]
     # Labels and poses agree to about a pixel: rays at the outline may miss the mesh.

@@ -2,11 +2,11 @@
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pipelines.array_types import Array, Indices
 from pipelines.errors import ValueRangeError
@@ -153,33 +153,34 @@ class ObjectRegion:
     symmetries: tuple[Symmetry, ...]
 
 
-def symmetry_of_slot(slot: int, point: Array, direction: Array) -> Symmetry:
-    """Return the symmetry that `point` (3,) and `direction` (3,) describe in the slot `slot`."""
-    if slot in REFLECTION_SLOTS:
-        return ReflectionSymmetry(direction, point)
-    if slot == ROTATION_SLOT:
-        return RotationSymmetry(direction, point)
-    return SphereSymmetry(point)
-
-
 @dataclass(frozen=True)
 class SymmetrySlots:
     """Symmetries as the network's five slots: 0-2 reflection, 3 rotation, 4 sphere.
 
     Attributes:
-        existence: (5,) probability that the slot's symmetry exists, 0 or 1 for ground truth.
+        existence: (5,) the belief that the slot's symmetry exists, 0 to 1: as predicted, or as fits
+            and their critics leave it; 0 or 1 for ground truth.
         point: (5, 3) metres; nan where the slot is empty.
         direction: (5, 3) unit; nan where the slot is empty, and for the sphere.
+        source: (5,) of the candidate: `network`, `shape` or `both`; empty where it is not known.
     """
 
     existence: Array
     point: Array
     direction: Array
+    source: NDArray[np.str_] = field(default_factory=lambda: np.full(NUM_SLOTS, "", "U7"))
 
     @classmethod
-    def empty(cls) -> "SymmetrySlots":
-        """Return slots without any symmetry."""
-        return cls(np.zeros(5), np.full((5, 3), np.nan), np.full((5, 3), np.nan))
+    def of(
+        cls, symmetries: Iterable[tuple[int, Symmetry, float]], source: str = ""
+    ) -> "SymmetrySlots":
+        """Return `symmetries`: the slot, the symmetry and the belief in it, all of one `source`."""
+        points, directions = np.full((2, NUM_SLOTS, 3), np.nan)
+        slots = cls(np.zeros(NUM_SLOTS), points, directions, np.full(NUM_SLOTS, source, "U7"))
+        for slot, symmetry, existence in symmetries:
+            slots.existence[slot] = existence
+            slots.point[slot], slots.direction[slot] = symmetry.point, symmetry.direction
+        return slots
 
     @classmethod
     def from_symmetries(cls, symmetries: Iterable[Symmetry]) -> "SymmetrySlots":
@@ -187,7 +188,7 @@ class SymmetrySlots:
 
         Discrete rotations have no slot; the paper's rotation is continuous.
         """
-        slots = cls.empty()
+        placed: list[tuple[int, Symmetry, float]] = []
         planes = 0
         for symmetry in symmetries:
             match symmetry:
@@ -201,16 +202,18 @@ class SymmetrySlots:
                     slot = SPHERE_SLOT
                 case _:
                     continue
-            slots.existence[slot] = 1.0
-            slots.point[slot], slots.direction[slot] = symmetry.point, symmetry.direction
-        return slots
+            placed.append((slot, symmetry, 1.0))
+        return cls.of(placed)
 
     def symmetry(self, slot: int) -> Symmetry:
         """Return the symmetry that the parameters of `slot` describe."""
-        return symmetry_of_slot(slot, self.point[slot], self.direction[slot])
+        if slot in REFLECTION_SLOTS:
+            return ReflectionSymmetry(self.direction[slot], self.point[slot])
+        if slot == ROTATION_SLOT:
+            return RotationSymmetry(self.direction[slot], self.point[slot])
+        return SphereSymmetry(self.point[slot])
 
-    def transformed(self, T: ArrayLike) -> "SymmetrySlots":
-        """Return the slots of the object moved by the (4, 4) transform `T`."""
-        return SymmetrySlots(
-            self.existence, transform_points(T, self.point), rotate_vectors(T, self.direction)
-        )
+    def between(self, above: float, below: float = np.inf) -> list[tuple[int, Symmetry]]:
+        """Return slot and symmetry where the belief in it lies `above` and `below` these."""
+        slots = np.flatnonzero((self.existence > above) & (self.existence < below)).tolist()
+        return [(slot, self.symmetry(slot)) for slot in slots]

@@ -6,15 +6,15 @@ by Eq. 8, and of alike ones the best stays. A pass is left out where the grasps 
 expected to be good enough.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
 
 import numpy as np
 
 from pipelines.array_types import Array
 from pipelines.configs import CandidateConfig, SelectionConfig
 from pipelines.geometry.numerics.quantiles import quantiles
+from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasping.candidates.candidates import GraspCandidates
 from pipelines.grasping.candidates.planar import planar_candidates
 from pipelines.grasping.candidates.random_pairs import random_candidates
@@ -25,12 +25,12 @@ from pipelines.grasping.feasibility.visibility import visible_fraction
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.ranked_grasps import RankedGrasps
+from pipelines.grasping.ranking.grasp_features import GraspFeatures
 from pipelines.grasping.ranking.known_region import KnownRegion
-from pipelines.grasping.ranking.ranking import ByCritic, ByEq8, Critic, Ranking
+from pipelines.grasping.ranking.ranking import Critic, critic_score, seen_score
 from pipelines.grasping.ranking.suppression import non_maximum_suppression
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.grasping.symmetries.completion import Completion
-from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
 
 MIN_POINTS = 20  # fewer show no surface
 MOST = 0.9  # of the region's points lie within the radius that off-centre grasps are measured by
@@ -50,66 +50,46 @@ class RegionModel:
     """
 
     cloud: RegionCloud
-    symmetries: RegionSymmetries = field(default_factory=lambda: RegionSymmetries.of([]))
+    symmetries: SymmetrySlots = field(default_factory=lambda: SymmetrySlots.of([]))
     affordance: Array = field(default_factory=lambda: np.zeros(0))
     completion: Completion = field(default_factory=Completion.none)
 
 
 @dataclass(frozen=True)
-class Symmetric:
-    """Pairs across the region's symmetries (Sec. III-E).
+class Pass:
+    """One way to propose contact pairs.
 
     Attributes:
-        above, below: bounds of the confidence in the symmetries.
+        candidates: the contact pairs of a region.
         unless_expected: the pass is left out where grasps of this score are found already.
         keeps_off_own_side: whether the region's own completion is an obstacle.
     """
 
-    above: float
-    below: float = np.inf
+    candidates: Callable[[RegionModel, Feasibility, CandidateConfig], GraspCandidates]
     unless_expected: float = ALWAYS
-    keeps_off_own_side: ClassVar[bool] = True
+    keeps_off_own_side: bool = False
 
-    def candidates(
-        self, region: RegionModel, feasibility: Feasibility, config: CandidateConfig
+
+def symmetric_pass(above: float, below: float = np.inf, unless_expected: float = ALWAYS) -> Pass:
+    """Return pairs across symmetries with a confidence between `above` and `below` (Sec. III-E)."""
+
+    def pairs(
+        region: RegionModel, feasibility: Feasibility, config: CandidateConfig
     ) -> GraspCandidates:
-        """Return pairs of graspable points and their counterparts."""
-        symmetries = region.symmetries.between(self.above, self.below)
-        seen = region.cloud, symmetries, region.affordance
+        seen = region.cloud, region.symmetries.between(above, below), region.affordance
         return symmetric_candidates(*seen, config, feasibility)
 
-
-@dataclass(frozen=True)
-class Planar:
-    """Opposite points of the region's outline (D. 8); attributes as `Symmetric` has them."""
-
-    unless_expected: float = ALWAYS
-    keeps_off_own_side: ClassVar[bool] = False
-
-    def candidates(
-        self, region: RegionModel, feasibility: Feasibility, config: CandidateConfig
-    ) -> GraspCandidates:
-        """Return opposite boundary points of some slices."""
-        del config
-        return planar_candidates(region.cloud, feasibility)
+    return Pass(pairs, unless_expected, keeps_off_own_side=True)
 
 
-@dataclass(frozen=True)
-class Random:
-    """Random antipodal pairs, a baseline; attributes as `Symmetric` has them."""
-
-    rng: np.random.Generator
-    unless_expected: float = ALWAYS
-    keeps_off_own_side: ClassVar[bool] = False
-
-    def candidates(
-        self, region: RegionModel, feasibility: Feasibility, config: CandidateConfig
-    ) -> GraspCandidates:
-        """Return pairs drawn from the points."""
-        return random_candidates(region.cloud, config, feasibility, self.rng)
+def planar_pass(unless_expected: float = ALWAYS) -> Pass:
+    """Return opposite points of the region's outline (D. 8)."""
+    return Pass(lambda region, checks, _: planar_candidates(region.cloud, checks), unless_expected)
 
 
-Pass = Symmetric | Planar | Random
+def random_pass(rng: np.random.Generator) -> Pass:
+    """Return random antipodal pairs, a baseline."""
+    return Pass(lambda region, checks, config: random_candidates(region.cloud, config, checks, rng))
 
 
 @dataclass(frozen=True)
@@ -133,16 +113,10 @@ class RegionPlanner:
         serve where no other is feasible.
         """
         symmetry, sufficient = self.config.symmetry, self.config.ranking.sufficient
-        passes: tuple[Pass, ...] = (
-            Symmetric(above=symmetry.least_confidence),
-            Planar(unless_expected=sufficient),
-        )
+        passes = symmetric_pass(symmetry.least_confidence), planar_pass(sufficient)
         if self.critic is None or not symmetry.is_fitted:
             return passes
-        return (
-            *passes,
-            Symmetric(above=0.0, below=symmetry.min_confidence, unless_expected=sufficient),
-        )
+        return *passes, symmetric_pass(0.0, symmetry.min_confidence, sufficient)
 
     def plan(
         self, region: RegionModel, scene: SceneCloud, passes: Sequence[Pass] | None = None
@@ -157,26 +131,20 @@ class RegionPlanner:
         passes = self.passes() if passes is None else passes
         config, cap = self.config.feasibility, self.config.ranking.clearance_cap
         feasibility = Feasibility.at(region.cloud, scene, self.gripper, config, cap)
-        ranking = self._ranking(region, feasibility)
-        careful = feasibility.with_unseen(region.completion.others)
-        found = self._by_passes(passes, region, careful, ranking)
-        if len(found) or not len(region.completion.others):
-            return found
-        return self._by_passes(passes, region, feasibility, ranking)
-
-    def _ranking(self, region: RegionModel, feasibility: Feasibility) -> Ranking:
-        if self.critic is None:
-            return ByEq8(self.config.ranking)
         seen = region.cloud, feasibility.scene, region.symmetries, region.completion.own
         known = KnownRegion(*seen, feasibility.around.others.points)
-        return ByCritic(self.config.ranking, self.critic, known)
+        careful = feasibility.with_unseen(region.completion.others)
+        found = self._by_passes(passes, region, careful, known)
+        if len(found) or not len(region.completion.others):
+            return found
+        return self._by_passes(passes, region, feasibility, known)
 
     def _by_passes(
         self,
         passes: Sequence[Pass],
         region: RegionModel,
         feasibility: Feasibility,
-        ranking: Ranking,
+        known: KnownRegion,
     ) -> RankedGrasps:
         found = RankedGrasps.empty()
         with_own_side = feasibility.with_unseen(region.completion.own)
@@ -185,7 +153,7 @@ class RegionPlanner:
                 continue
             checks = with_own_side if each.keeps_off_own_side else feasibility
             candidates = each.candidates(region, checks, self.config.candidates)
-            found = self._merged(found, self._select(candidates, region.cloud, checks, ranking))
+            found = self._merged(found, self._select(candidates, checks, known))
         return found
 
     def _expected(self, found: RankedGrasps) -> float:
@@ -195,24 +163,21 @@ class RegionPlanner:
         return 1.0 if self.critic is None else float(found.rank_score[0])
 
     def _select(
-        self,
-        candidates: GraspCandidates,
-        region: RegionCloud,
-        feasibility: Feasibility,
-        ranking: Ranking,
+        self, candidates: GraspCandidates, feasibility: Feasibility, known: KnownRegion
     ) -> RankedGrasps:
         """Return the candidates that are feasible at one of their approach angles, best first.
 
         The most stable pairs are tried first; `max_ranked` feasible grasps are ranked.
         """
         base = GraspPoses.from_contacts(candidates.contacts, candidates.approach)
-        stability = candidates.quality * _centredness(base, region)
+        stability = candidates.quality * _centredness(base, known.region)
         order = np.argsort(-stability, kind="stable")
         grasps, row = feasibility.reachable(base[order], candidates.angles)
         pair = order[row]
-        wanted = ranking.min_stability, self.config.ranking.max_ranked
-        free, enclosed = feasibility.first_free(grasps, stability[pair], *wanted)
-        grasps, pair, caps = grasps[free], pair[free], self.config.ranking
+        caps = self.config.ranking
+        least = caps.min_stability if self.critic is None else caps.critic_min_stability
+        free, enclosed = feasibility.first_free(grasps, stability[pair], least, caps.max_ranked)
+        grasps, pair = grasps[free], pair[free]
         found = RankedGrasps(  # with b and h of Eq. 8, not yet ranked
             grasps,
             candidates.affordance[pair],
@@ -222,17 +187,21 @@ class RegionPlanner:
             enclosed_height=np.minimum(enclosed, caps.enclosed_height_cap),
             rank_score=np.zeros(len(pair)),
         )
-        best = self._best_first(found, stability[pair], feasibility, ranking)
+        best = self._best_first(found, stability[pair], feasibility, known)
         return with_opening_margin(best, feasibility, caps.clearance_cap)
 
     def _best_first(
-        self, found: RankedGrasps, stability: Array, feasibility: Feasibility, ranking: Ranking
+        self, found: RankedGrasps, stability: Array, feasibility: Feasibility, known: KnownRegion
     ) -> RankedGrasps:
         """Return `found` by rank, without alike ones and those that no free path leads to."""
         if not len(found):
             return found
         visible = visible_fraction(found.grasps, self.gripper, feasibility.scene)
-        score = ranking.score(found, stability, visible)
+        if self.critic is None:
+            score = seen_score(found, visible, self.config.ranking)
+        else:
+            features = GraspFeatures(found, stability, visible, known)
+            score = critic_score(features, self.critic, self.config.ranking)
         # The more stable first where scores agree.
         order = np.lexsort((-stability, -np.round(score, 6)))
         ranked = replace(found, rank_score=score)[order]

@@ -16,6 +16,7 @@ from pipelines.grasping.feasibility.collision import Obstacles
 from pipelines.grasping.feasibility.image_border import Sides, measured_sides
 from pipelines.grasping.feasibility.limits import Limits
 from pipelines.tabletop.organized import smooth_normals
+from pipelines.tabletop.regions.pieces import box_of
 
 MAX_RANGE = 3.0  # metres; nothing farther is ever near a gripper
 NORMAL_RADIUS = 3  # pixels
@@ -91,7 +92,7 @@ class RegionCloud:
     @classmethod
     def from_mask(cls, mask: Mask, scene: SceneCloud) -> "RegionCloud":
         """Return the region of the pixels `mask` (H, W), strays left out."""
-        rows, columns = _bounds(mask)
+        rows, columns = box_of(mask)
         sound = mask[rows, columns] & (scene.depth[rows, columns] > 0)
         sound &= ~scene.stray[rows, columns]
         xyz = scene.xyz[rows, columns]
@@ -115,11 +116,3 @@ class RegionCloud:
 
     def __len__(self) -> int:
         return len(self.points)
-
-
-def _bounds(mask: Mask) -> tuple[slice, slice]:
-    """Return the rows and the columns that `mask` spans."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    if not len(rows):
-        return slice(0, 0), slice(0, 0)
-    return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)

@@ -15,15 +15,25 @@ from pipelines.errors import SymgraspError
 from pipelines.frames.rgbd import Frame
 from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasping.gripper import Gripper
-from pipelines.grasping.planner import MIN_POINTS, Planar, Random, RegionModel, RegionPlanner
+from pipelines.grasping.planner import (
+    MIN_POINTS,
+    RegionModel,
+    RegionPlanner,
+    planar_pass,
+    random_pass,
+)
 from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.ranking.ranking import Critic
 from pipelines.grasping.scene import RegionCloud
 from pipelines.grasping.symmetries.grounding import SymmetryCritics
 from pipelines.inference.empty_frames import why_empty, why_weak
 from pipelines.inference.observation import Observation, observe
-from pipelines.inference.peers.frame_method import FrameMethod
-from pipelines.inference.peers.frame_plans import MOST_GRASPS, OWN_SCORE, plans_of_whole
+from pipelines.inference.peers.frame_plans import (
+    MOST_GRASPS,
+    OWN_SCORE,
+    FrameMethod,
+    plans_of_whole,
+)
 from pipelines.inference.plans import Plan, grasp_table, region_table
 from pipelines.inference.predicted_regions import (
     PredictedRegion,
@@ -153,7 +163,7 @@ class Planner:
         """Return the plan of each of `clouds`, all regions of a frame."""
         planner, selection, scene = self._of_regions, self.config.selection, seen.scene
         if not self._knows_symmetries:
-            only = (Random(rng) if self.config.method == "random" else Planar(),)
+            only = (random_pass(rng) if self.config.method == "random" else planar_pass(),)
             return [Plan(planner.plan(RegionModel(cloud), scene, only)) for cloud in clouds]
         large = [index for index, cloud in enumerate(clouds) if len(cloud) >= MIN_POINTS]
         predicted = self._predicted([clouds[i] for i in large], seen)
@@ -209,7 +219,7 @@ class Planner:
             if np.count_nonzero(piece & mask) < inside * np.count_nonzero(piece):
                 continue
             cloud = RegionCloud.from_mask(piece & mask, scene)
-            ranked = self._of_regions.plan(RegionModel(cloud), scene, (Planar(),))
+            ranked = self._of_regions.plan(RegionModel(cloud), scene, (planar_pass(),))
             if len(ranked):
                 return replace(plan, grasps=ranked)
         return plan

@@ -6,7 +6,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
-from functools import lru_cache, wraps
+from functools import lru_cache, partial, wraps
 from pathlib import Path
 from threading import Lock, RLock, get_ident
 from typing import TYPE_CHECKING, Any, TypeVar, cast
@@ -15,7 +15,7 @@ import cv2
 from threadpoolctl import OpenBLASController, ThreadpoolController
 
 from pipelines.grasping.ranking import critic_files
-from pipelines.grasping.ranking.ranking import GraspCritic
+from pipelines.grasping.ranking.ranking import Critic, expected_quality
 from pipelines.grasping.symmetries.axis_critic import AxisCritic
 from pipelines.grasping.symmetries.grounding import SymmetryCritics
 from pipelines.storage.files import existing
@@ -91,10 +91,10 @@ def symmetry_critics(
 
 
 @_once
-def grasp_critic(path: Path = GRASP_CRITIC_WEIGHTS) -> GraspCritic:
+def grasp_critic(path: Path = GRASP_CRITIC_WEIGHTS) -> Critic:
     """Return the grasp critic of the weights `path`."""
     weights = existing(path, GRASP_CRITIC_BY)
-    return GraspCritic(critic_files.read_point_critic(weights, critic_files.GRASPS))
+    return partial(expected_quality, critic_files.read_point_critic(weights, critic_files.GRASPS))
 
 
 def uses_gpu(device: str) -> bool:

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from pipelines.array_types import Array, Indices
 from pipelines.configs import InferConfig
+from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasp_files.grasps_tables import GraspTable, RegionTable, are_worth_trying
 from pipelines.grasping.ranked_grasps import RankedGrasps
-from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
 from pipelines.inference.predicted_regions import PredictedRegion
 from pipelines.inference.regions import Region
 
@@ -26,7 +26,7 @@ class Plan:
     """
 
     grasps: RankedGrasps
-    symmetries: RegionSymmetries | None = None
+    symmetries: SymmetrySlots | None = None
     predicted: PredictedRegion | None = None
 
     @property
@@ -53,14 +53,14 @@ class Plan:
 
 def region_table(regions: list[Region], plans: list[Plan]) -> RegionTable:
     """Return one frame's regions as columns."""
-    symmetries = [plan.symmetries or RegionSymmetries.of([]) for plan in plans]
+    symmetries = [plan.symmetries or SymmetrySlots.of([]) for plan in plans]
     return RegionTable.from_masks(
         [region.mask for region in regions],
         confidence=[region.confidence for region in regions],
         source=[region.source for region in regions],
         status=[region.status for region in regions],
         existence=np.array([plan.existence for plan in plans]).reshape(-1, 5),
-        symmetry_confidence=np.array([s.confidence for s in symmetries]).reshape(-1, 5),
+        symmetry_confidence=np.array([s.existence for s in symmetries]).reshape(-1, 5),
         symmetry_point=np.array([s.point for s in symmetries]).reshape(-1, 5, 3),
         symmetry_direction=np.array([s.direction for s in symmetries]).reshape(-1, 5, 3),
         affordance_mean=[float(plan.affordance.mean()) for plan in plans],

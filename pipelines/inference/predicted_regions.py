@@ -1,8 +1,8 @@
 """The models of the regions of one frame: predictions of the network, fitted (Sec. III-E)."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +13,8 @@ from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasping.planner import RegionModel
 from pipelines.grasping.scene import RegionCloud, SceneCloud
-from pipelines.grasping.symmetries.by_fitting import symmetries_by_fitting
 from pipelines.grasping.symmetries.completion import completions
 from pipelines.grasping.symmetries.grounding import SymmetryCritics, ground_symmetries
-from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
 from pipelines.grasping.symmetries.votes import mean_slots
 
 if TYPE_CHECKING:
@@ -24,18 +22,8 @@ if TYPE_CHECKING:
 
 NUM_FITTED_POINTS = 1500  # of a region that are grasped without a network, as many as with one
 
-
-class RegionMethod(Protocol):
-    """A compared method that finds the symmetries of regions."""
-
-    @property
-    def source(self) -> str:
-        """The source of the symmetries: `network` or `shape`."""
-
-    def symmetries(
-        self, clouds: Sequence[RegionCloud], scene: SceneCloud, color: NDArray[np.uint8]
-    ) -> Sequence[RegionSymmetries]:
-        """Return the symmetries of each cloud, camera frame; `color` (H, W, 3) of the frame."""
+# A compared method: the symmetries, camera frame, of a region; colours (H, W, 3) are the frame's.
+RegionMethod = Callable[[RegionCloud, SceneCloud, NDArray[np.uint8]], SymmetrySlots]
 
 
 @dataclass(frozen=True)
@@ -46,13 +34,11 @@ class PredictedRegion:
         cloud: the n points that it looked at.
         affordance: (n,) 0 to 1.
         slots: its symmetries, averaged over the points; camera frame.
-        source: of the symmetries: `network`, or `shape` where they were fitted without one.
     """
 
     cloud: RegionCloud
     affordance: Array
     slots: SymmetrySlots
-    source: str = "network"
 
     @classmethod
     def of(cls, cloud: RegionCloud, prediction: "RegionPrediction") -> "PredictedRegion":
@@ -70,28 +56,15 @@ def predicted_regions(
     return [PredictedRegion.of(*each) for each in zip(clouds, predictions, strict=True)]
 
 
-class Fitting:
-    """A `RegionMethod`: symmetries that fit the points, without any network."""
-
-    source = "shape"
-
-    def symmetries(
-        self, clouds: Sequence[RegionCloud], scene: SceneCloud, color: NDArray[np.uint8]
-    ) -> list[RegionSymmetries]:
-        """Return the symmetries that fit the points of each cloud."""
-        del color  # points say it all
-        return [symmetries_by_fitting(cloud, scene) for cloud in clouds]
-
-
 def compared_regions(
     clouds: Sequence[RegionCloud], scene: SceneCloud, color: NDArray[np.uint8], method: RegionMethod
 ) -> list[PredictedRegion]:
     """Return `clouds` with the symmetries that `method` finds; all their points are graspable."""
     regions = []
-    for cloud, found in zip(clouds, method.symmetries(clouds, scene, color), strict=True):
-        slots = SymmetrySlots(found.confidence, found.point, found.direction)
+    for cloud in clouds:
+        slots = method(cloud, scene, color)
         chosen = np.random.default_rng(0).permutation(len(cloud))[:NUM_FITTED_POINTS]
-        regions.append(PredictedRegion(cloud[chosen], np.ones(len(chosen)), slots, method.source))
+        regions.append(PredictedRegion(cloud[chosen], np.ones(len(chosen)), slots))
     return regions
 
 
@@ -103,7 +76,7 @@ def region_models(
 ) -> list[RegionModel]:
     """Return the models of all regions of a frame; without critics, symmetries as predicted."""
     if critics is None:
-        symmetries = [RegionSymmetries.unfitted(each.slots, each.source) for each in predicted]
+        symmetries = [each.slots for each in predicted]
     else:
         candidates = config.symmetry.candidates
         symmetries = [

@@ -13,6 +13,7 @@ from pipelines.configs import InferConfig
 from pipelines.geometry.camera import Intrinsics
 from pipelines.grasp_files.grasps_tables import REGION_MEASURED
 from pipelines.tabletop.regions.containers import insides
+from pipelines.tabletop.regions.pieces import box_of
 from pipelines.tabletop.regions_geometric import GeometricRegions, working_step
 
 if TYPE_CHECKING:
@@ -135,8 +136,7 @@ def _completed(
 
 def _thick_parts(mask: Mask) -> list[Mask]:
     """Return the parts (H, W) of `mask` (H, W) that are wider than a detection's error."""
-    x, y, width, height = cv2.boundingRect(mask.view(np.uint8))
-    box = slice(y, y + height), slice(x, x + width)
+    box = box_of(mask)
     size = MARGIN * working_step(mask.shape)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
     cut = np.pad(mask[box].astype(np.uint8), size)

@@ -15,6 +15,7 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.numerics.quantiles import median, quantiles
 from pipelines.inference.regions import Depth, Region
 from pipelines.tabletop.regions.color import ColorPieces
+from pipelines.tabletop.regions.pieces import box_of
 from pipelines.tabletop.regions_geometric import GeometricRegions, without_holes
 
 LEAST_ADDED = 0.03  # share of a region's pixels below which nothing is added to it
@@ -83,8 +84,7 @@ class _Completion:
             mask |= region.mask
         if np.count_nonzero(rest) < LEAST_ADDED * np.count_nonzero(mask):
             return replace(regions[0], mask=mask)
-        x, y, width, height = cv2.boundingRect((mask | rest).view(np.uint8))
-        window = slice(y, y + height), slice(x, x + width)
+        window = box_of(mask | rest)
         own, free = mask[window], rest[window]
         more = free if self.is_low(mask) else free & ~self.segments.bare[window]
         thick = cv2.morphologyEx((own | more).astype(np.uint8), cv2.MORPH_OPEN, CABLE) > 0

@@ -9,10 +9,11 @@ from pipelines.configs.inference import FRAME_PEERS, REGION_PEERS, TRAINED_METHO
 from pipelines.errors import ValueRangeError
 from pipelines.grasp_files.gripper_files import gripper_digest, load_gripper
 from pipelines.grasping.feasibility.limits import check_limits
+from pipelines.grasping.symmetries.by_fitting import symmetries_by_fitting
 from pipelines.inference import models
 from pipelines.inference.frame_grasps import Planner
 from pipelines.inference.peers.registry import frame_method, region_method, written_by
-from pipelines.inference.predicted_regions import Fitting, RegionMethod
+from pipelines.inference.predicted_regions import RegionMethod
 from pipelines.storage.files import existing
 from pipelines.storage.provenance import digest, digest_text
 
@@ -159,7 +160,9 @@ class Settings:
         method = self.config.method
         if method in REGION_PEERS:
             return region_method(method, self.peer_weights, self.device)
-        return Fitting() if method == "symmetry-icp" else None
+        if method == "symmetry-icp":
+            return lambda cloud, scene, _color: symmetries_by_fitting(cloud, scene)
+        return None
 
 
 def check_names(config: InferConfig) -> None:

@@ -47,8 +47,6 @@ _NOISE_MEAN, _NOISE_P95, _NOISE_P99, _NOISE_P995 = 1.13, 2.77, 3.64, 3.97
 MAX_P995 = 0.06
 _RIM_REACH = 1.5  # sample spacings from a rim within which an image is at the rim
 _RIM_SLACK = 0.5  # of that reach, by which the rim may be farther than the surface
-_SPHERE_MEAN, _SPHERE_P95 = 0.01, 0.025  # of the diameter
-_SPHERE_OFFCENTER, _SPHERE_MIN_SPREAD = 0.2, 0.2  # exclude caps
 
 
 @dataclass(frozen=True)
@@ -219,19 +217,3 @@ def are_round(fits: Sequence[SurfaceFit]) -> bool:
     """Return whether turns about one axis by generic angles fit equally well."""
     misses = [fit.miss for fit in fits]
     return bool(max(misses) <= np.hypot(ROUND_MEAN, _ROUND_RATIO * min(misses)))
-
-
-def is_sphere(points: Array, center: Array, radius: float) -> bool:
-    """Return whether `points` (n, 3) lie near the sphere and on all sides of its centre."""
-    gap = np.abs(np.linalg.norm(points - center, axis=1) - radius)
-    near = gap.mean() <= _SPHERE_MEAN and np.percentile(gap, 95.0) <= _SPHERE_P95
-    return bool(near and surrounds(points, center))
-
-
-def surrounds(points: Array, center: Array) -> bool:
-    """Return whether `points` (n, 3) lie on all sides of `center` (3,)."""
-    arm = points - center
-    directions = arm / np.maximum(np.linalg.norm(arm, axis=1), 1e-9)[:, None]
-    spread = np.linalg.eigvalsh(directions.T @ directions / len(points))
-    offcenter = np.linalg.norm(directions.mean(axis=0))
-    return bool(offcenter <= _SPHERE_OFFCENTER and spread[0] >= _SPHERE_MIN_SPREAD)

@@ -177,15 +177,11 @@ def slot_errors(
     """
     size = (points - points.mean(1, keepdim=True)).norm(dim=-1).amax(-1)  # (B,)
     smallest = MIN_EXTENT_SHARE * size + 1e-6
+    kinds = (reflection_errors, reflection_extent), (rotation_errors, rotation_extent)
     losses = []
     for slot in range(NUM_REFLECTIONS + 1):
         direction, center = truth.direction[:, slot], truth.center[:, slot]
-        rotation = slot == ROTATION_SLOT
-        error, extent = (
-            (rotation_errors, rotation_extent)
-            if rotation
-            else (reflection_errors, reflection_extent)
-        )
+        error, extent = kinds[slot == ROTATION_SLOT]
         predicted = prediction.direction[:, :, slot], prediction.center[:, :, slot]
         scale = torch.maximum(extent(points, direction, center), smallest)
         losses.append(error(points, *predicted, direction, center) / scale[:, None])

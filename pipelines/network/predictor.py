@@ -27,23 +27,16 @@ VOTING_STRIDE = 3
 
 
 @dataclass(frozen=True)
-class RegionPrediction:
-    """The network's output for one region, camera frame, metres.
+class RegionPrediction(RegionOutputs):
+    """The outputs for one region, camera frame: of N points, and M votes for symmetries.
+
+    Every third point votes, with a mirrored copy twice.
 
     Attributes:
         index: (N,) indices of the region's points that were drawn; some twice where it has fewer.
-        affordance: (N,) in [0, 1].
-        existence: (M, 5) probabilities, of every third point, with a mirrored copy twice; slots 0-2
-            reflection, 3 rotation, 4 sphere.
-        center: (M, 5, 3).
-        direction: (M, 5, 3) unit; zeros for the sphere.
     """
 
     index: NDArray[np.int64]
-    affordance: Singles
-    existence: Singles
-    center: Singles
-    direction: Singles
 
 
 class GraspPredictor:
@@ -107,7 +100,7 @@ class GraspPredictor:
         back = axes[:, None].astype(np.float32)
         centers = outputs.center @ back + centroid[:, :, None].astype(np.float32)
         direction = outputs.direction @ back
-        columns = (index, outputs.affordance, outputs.existence, centers, direction)
+        columns = (outputs.affordance, outputs.existence, centers, direction, index)
         return [RegionPrediction(*each) for each in zip(*columns, strict=True)]
 
     def _axes(self, centroids: Array, table: Plane | None) -> Array:
@@ -119,24 +112,17 @@ class GraspPredictor:
     def _outputs(self, points: Singles, ground: Singles, camera: Singles) -> RegionOutputs:
         """Return the output for (B, N, 3) centred points, `ground` (B,) metres over the table.
 
-        `camera` (B, 3): its place among the points.
+        `camera` (B, 3): its place among the points. On a CPU each thread takes some of the clouds:
+        most operations are too small to be spread over threads one by one, and then rounded
+        otherwise.
         """
-        seen = points, ground, camera
-        return RegionOutputs(*self._run(*(torch.from_numpy(x).to(self.device) for x in seen)))
-
-    def _run(self, points: Tensor, ground: Tensor, camera: Tensor) -> tuple[Singles, ...]:
-        """Return affordance at (B, N, 3) centred points; existence, centres, directions at some.
-
-        On a CPU each thread takes some of the clouds: most operations are too small to be spread
-        over threads one by one, and then rounded otherwise.
-        """
+        seen = [torch.from_numpy(each).to(self.device) for each in (points, ground, camera)]
         threads = torch.get_num_threads()
         if self.device.type != "cpu" or threads == 1:
-            return self._run_together(points, ground, camera)
-        threads = min(threads, len(points))
-        shares = (each.tensor_split(threads) for each in (points, ground, camera))
+            return RegionOutputs(*self._run_together(*seen))
+        shares = (each.tensor_split(min(threads, len(points))) for each in seen)
         parts = list(threads_of_one_core().map(self._run_together, *shares))
-        return tuple(np.concatenate(column) for column in zip(*parts, strict=True))
+        return RegionOutputs(*map(np.concatenate, zip(*parts, strict=True)))
 
     @torch.inference_mode()
     def _run_together(self, points: Tensor, ground: Tensor, camera: Tensor) -> tuple[Singles, ...]:

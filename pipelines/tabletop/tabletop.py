@@ -13,7 +13,6 @@ from pipelines.geometry.numerics.compiled import compiled
 from pipelines.geometry.numerics.quantiles import median, quantiles
 from pipelines.geometry.pointcloud import Plane
 from pipelines.tabletop.footprint import Footprint
-from pipelines.tabletop.plane_sides import pixels_of_sides
 from pipelines.tabletop.support_plane import Affine, Support, find_support
 
 WARP_WINDOW = 81  # pixels over which a sensor bends a flat table
@@ -100,7 +99,9 @@ def _is_lid(z: Array, near: Mask, inliers: Mask, support: Support, config: Regio
     rows, columns = (np.arange(count, dtype=np.float64) for count in z.shape)
     a, b, c = support.affine
     over = 1.0 / z - (a * columns + b * rows[:, None] + c)
-    sides = pixels_of_sides(z, near, inliers, over, 2.0 * config.plane_tolerance, config.depth_step)
+    sides = _pixels_of_sides(
+        z, near, inliers, over, 2.0 * config.plane_tolerance, config.depth_step
+    )
     return bool(sides > MOST_SIDES * np.count_nonzero(inliers))
 
 
@@ -181,3 +182,43 @@ def _above(
             above[row, column] = threshold < height < greatest
             clear[row, column] = height > CLEARLY * threshold
     return above, clear
+
+
+@compiled
+def _pixels_of_sides(
+    z: Array, near: Mask, inliers: Mask, over: Array, tolerance: float, step: float
+) -> int:
+    """Return the number of pixels that lie below a plane and join it from pixel to pixel.
+
+    Args:
+        z: (H, W) depth in metres, nan where missing.
+        near: (H, W) pixels to search.
+        inliers: (H, W) pixels of the plane.
+        over: (H, W) inverse depth minus that of the plane.
+        tolerance: inverse depth from which a pixel counts as below.
+        step: largest difference of neighbours on one surface, as a share of their depth.
+    """
+    height, width = z.shape
+    seen = inliers.copy()
+    waiting = np.empty(height * width, np.int64)
+    top, count = 0, 0
+    for row in range(height):
+        for column in range(width):
+            if inliers[row, column]:
+                waiting[top] = row * width + column
+                top += 1
+    while top:
+        top -= 1
+        row, column = divmod(waiting[top], width)
+        for down, right in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+            y, x = row + down, column + right
+            if y < 0 or x < 0 or y >= height or x >= width or seen[y, x] or not near[y, x]:
+                continue
+            far = abs(z[y, x] - z[row, column]) > step * z[row, column]
+            if far or over[y, x] > 0.0:
+                continue
+            seen[y, x] = True
+            count += over[y, x] < -tolerance
+            waiting[top] = y * width + x
+            top += 1
+    return count

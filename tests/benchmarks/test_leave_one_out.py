@@ -112,7 +112,7 @@ def test_the_departures_together_are_the_preset_of_the_paper():
 def test_candidates_are_left_out_of_what_the_code_proposes():
     points, normals = np.random.default_rng(0).normal(size=(2, 60, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    slots = SymmetrySlots.empty()
+    slots = SymmetrySlots.of(())
     slots.existence[:], slots.point[:], slots.direction[:] = 1.0, 0.0, [0.0, 0.0, 1.0]
     every, sources = starting_axes(slots, points, normals, None)
     fewer, kept = axes_without([0])(slots, points, normals, None)

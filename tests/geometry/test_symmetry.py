@@ -74,16 +74,6 @@ def test_discrete_rotations_have_no_slot():
     assert SymmetrySlots.from_symmetries([discrete]).existence.sum() == 0
 
 
-def test_slots_move_as_their_symmetries_do():
-    rng = np.random.default_rng(4)
-    T = make_pose(random_rotation(rng), rng.normal(size=3))
-    symmetries = random_symmetries(rng)
-    moved = SymmetrySlots.from_symmetries(symmetries).transformed(T)
-    again = SymmetrySlots.from_symmetries([s.transformed(T) for s in symmetries])
-    assert_allclose(moved.point, again.point)
-    assert_allclose(moved.direction, again.direction)
-
-
 def test_a_normal_that_is_no_direction_is_refused():
     with pytest.raises(ValueRangeError, match="normal"):
         ReflectionSymmetry([0, 0, 0], [0, 0, 0])

@@ -1,10 +1,9 @@
 """Rendered shapes on a table, as a scene and a region of it."""
 
 from pipelines.geometry.pointcloud import Plane
-from pipelines.geometry.symmetry import ReflectionSymmetry
+from pipelines.geometry.symmetry import ReflectionSymmetry, SymmetrySlots
 from pipelines.geometry.transforms import transform_points
 from pipelines.grasping.scene import RegionCloud, SceneCloud
-from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
 from tests.geometry.tabletops import CAMERA, looking_at_table, render
 
 
@@ -28,7 +27,7 @@ def believed(*symmetries, confidence=1.0):
     for symmetry in symmetries:
         placed.append((slots[symmetry.kind], symmetry, confidence))
         slots[symmetry.kind] += 1
-    return RegionSymmetries.of(placed)
+    return SymmetrySlots.of(placed)
 
 
 def box_planes(pose, height):

@@ -16,7 +16,7 @@ from pipelines.grasping.feasibility.collision import lowest_height
 from pipelines.grasping.feasibility.feasibility import Feasibility
 from pipelines.grasping.feasibility.limits import Limits
 from pipelines.grasping.grasps import GraspPoses
-from pipelines.grasping.planner import Planar, Random, RegionModel, RegionPlanner
+from pipelines.grasping.planner import Pass, RegionModel, RegionPlanner, planar_pass, random_pass
 from pipelines.grasping.ranking.suppression import are_near
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from tests.geometry.tabletops import CAMERA, Ball, Box, Can
@@ -43,11 +43,11 @@ def symmetric(region, scene, symmetries, config=CONFIG, critic=None):
 
 
 def planar(region, scene):
-    return RegionPlanner(GRIPPER, CONFIG).plan(RegionModel(region), scene, (Planar(),))
+    return RegionPlanner(GRIPPER, CONFIG).plan(RegionModel(region), scene, (planar_pass(),))
 
 
 def random(region, scene):
-    only = (Random(np.random.default_rng(3)),)
+    only = (random_pass(np.random.default_rng(3)),)
     return RegionPlanner(GRIPPER, CONFIG).plan(RegionModel(region), scene, only)
 
 
@@ -172,7 +172,7 @@ def test_without_antipodal_points_random_pairs_still_have_a_width_that_fits():
     flat = replace(region, normals=np.tile(-region.view_ray, (len(region), 1)))
     for cloud in (flat, shrunk(flat, 1.5 * CHECKS.min_width)):
         checks = Feasibility.at(cloud, scene, GRIPPER, CHECKS, RANKING.clearance_cap)
-        drawn = Random(np.random.default_rng(3)).candidates(
+        drawn = random_pass(np.random.default_rng(3)).candidates(
             RegionModel(cloud), checks, CONFIG.candidates
         )
         width = np.linalg.norm(drawn.contacts[:, 1] - drawn.contacts[:, 0], axis=1)
@@ -193,7 +193,7 @@ class Expecting:
     def __init__(self, direction, most=1.0):
         self.direction, self.most = direction, most
 
-    def expect(self, features):
+    def __call__(self, features):
         return self.most * np.abs(features.found.grasps.closing @ self.direction)
 
 
@@ -222,7 +222,7 @@ def test_planar_grasps_join_where_little_is_expected_of_symmetric_ones():
 def test_doubtful_planes_are_tried_where_little_is_expected_of_all_other_grasps():
     pose, scene, region = seen([Box((0.06, 0.09, 0.1))])
     planes, bounds = box_planes(pose, 0.1), CONFIG.symmetry
-    planes.confidence[1] = bounds.min_confidence / 2  # across the pose's y
+    planes.existence[1] = bounds.min_confidence / 2  # across the pose's y
     sure = symmetric(region, scene, planes, critic=Expecting(pose[:3, 0]))
     assert len(sure)
     assert 1 not in sure.slot
@@ -259,22 +259,9 @@ def across_box(pose, heights, x=0.0, size=0.06, angles=ANGLES):
     )
 
 
-class Given:
-    """A pass over given candidates."""
-
-    unless_expected = np.inf
-    keeps_off_own_side = False
-
-    def __init__(self, given):
-        self.given = given
-
-    def candidates(self, *_):
-        return self.given
-
-
 def chosen(candidates, region, scene, config=NARROW, critic=None):
     planner = RegionPlanner(GRIPPER, config, critic)
-    return planner.plan(RegionModel(region), scene, (Given(candidates),))
+    return planner.plan(RegionModel(region), scene, (Pass(lambda *_: candidates),))
 
 
 def test_a_grasp_from_above_is_feasible():
@@ -446,11 +433,10 @@ def test_the_ranking_orders_the_most_stable_grasps():
     pose, scene, region = SEEN
     candidates, scored = across_box(pose, [0.1, 0.09, 0.08]), []
 
-    class LowestFirst:
-        def expect(self, features):
-            stability, visible = features.stability, features.visible
-            scored.append((len(features.found), stability.min() / stability.max(), visible))
-            return -scene.plane.height(features.found.grasps.translation)
+    def lowest_first(features):
+        stability, visible = features.stability, features.visible
+        scored.append((len(features.found), stability.min() / stability.max(), visible))
+        return -scene.plane.height(features.found.grasps.translation)
 
     def ranked(min_stability, most):
         settings = {
@@ -458,7 +444,7 @@ def test_the_ranking_orders_the_most_stable_grasps():
             "max_ranked": most,
             "half_torque_arm": 1e9,  # the weight changes no rank
         }
-        return chosen(candidates, region, scene, changed(NARROW, ranking=settings), LowestFirst())
+        return chosen(candidates, region, scene, changed(NARROW, ranking=settings), lowest_first)
 
     found = ranked(0.5, 40)
     heights = scene.plane.height(found.grasps.translation)

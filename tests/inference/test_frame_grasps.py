@@ -21,9 +21,9 @@ from pipelines.geometry.transforms import transform_points
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.ranking.suppression import are_near
+from pipelines.grasping.symmetries.by_fitting import symmetries_by_fitting
 from pipelines.inference import models
 from pipelines.inference.frame_grasps import Planner
-from pipelines.inference.predicted_regions import Fitting
 from pipelines.pictures.overlays import draw_overlay
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
 from tests.inference.stand_ins import Detection, Detector, Prediction
@@ -297,7 +297,9 @@ def test_masked_objects_are_grasped_without_any_depth_beside_them():
 
 
 def test_symmetries_are_fitted_without_a_network_and_grasps_across_them_ranked_by_the_critic():
-    result = plan(None, Fitting(), method="symmetry-icp")
+    result = plan(
+        None, lambda cloud, scene, _: symmetries_by_fitting(cloud, scene), method="symmetry-icp"
+    )
     slot = int(result.regions.symmetry_confidence[0, :3].argmax())
     assert result.regions.symmetry_confidence[0, slot] > 0.9
     assert abs(result.regions.symmetry_direction[0, slot] @ POSE[:3, 0]) > 0.999

@@ -21,7 +21,7 @@ from pipelines.learning.detector.detector_start import starting_detector
 from pipelines.learning.detector.detector_training import DetectorTraining
 from pipelines.learning.grasp_network.grasp_training import GraspTraining
 from pipelines.learning.grasp_network.region_sources import RegionSet, TrainingRegions, packed_items
-from pipelines.learning.loop.runs import RunRequest, fault_path
+from pipelines.learning.loop.runs import FAULT, RunRequest, file_of_run
 from pipelines.learning.speed.gradients import GradientWorkers
 from pipelines.learning.speed.processes import Processes
 from pipelines.learning.speed.shares import cut
@@ -96,7 +96,7 @@ def test_a_network_that_runs_away_keeps_its_batch(tmp_path):
     wild = replace(SMALL, batch_size=2, learning_rate=1e30)
     with pretended_gpu(), pytest.raises(SymgraspError, match="holds the batch"):
         train.run(packed, None, path, wild, REQUEST)
-    assert not np.isfinite(train.replay(fault_path(path))["total"])
+    assert not np.isfinite(train.replay(file_of_run(path, FAULT))["total"])
 
 
 def assert_gradients_are_there(trainee, items):

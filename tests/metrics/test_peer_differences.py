@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 
 from pipelines.dataset.meshes import read_mesh
 from pipelines.geometry.meshes.mesh import Mesh
-from pipelines.geometry.meshes.signed_distance import SignedDistanceGrid, closest_points
+from pipelines.geometry.meshes.signed_distance import SignedDistanceGrid
 from pipelines.geometry.numerics.single_precision import single_precision_grid
 from pipelines.grasping.grasps import GraspPoses, from_graspnet
 from pipelines.metrics.contacts import Contacts, close_fingers
 from pipelines.metrics.force_closure import min_friction, on_grid
 from pipelines.metrics.graspnet.grid_contacts import NEAR, PROBE_RADIUS, PROBES, trilinear_distance
 from pipelines.storage.files import read_npy, read_npz
+from tests.geometry.meshes.closest import closest_points
 
 Array = NDArray[np.float64]
 

@@ -114,7 +114,9 @@ def test_symmetries_are_the_objects_moved_by_its_pose(root, packed):
         pose = poses_of(root, int(packed.frame_id[row]))[object_id]
         regions = symmetry_labels.read(root.symmetry_path(object_id)).regions
         region = next(region for region in regions if region.name == packed.name[row])
-        expected = SymmetrySlots.from_symmetries(region.symmetries).transformed(pose)
+        expected = SymmetrySlots.from_symmetries(
+            symmetry.transformed(pose) for symmetry in region.symmetries
+        )
         assert_array_equal(packed.existence[row], expected.existence)
         assert_allclose(packed.point[row], expected.point, atol=1e-6)
         assert_allclose(packed.direction[row], expected.direction, atol=1e-6)

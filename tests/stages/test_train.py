@@ -12,7 +12,7 @@ from pipelines.dataset import object_list
 from pipelines.dataset.object_list import ObjectRecord
 from pipelines.dataset.training.packed_regions import PackedReader
 from pipelines.errors import FormatError, SymgraspError, ValueRangeError
-from pipelines.learning.loop.runs import RunRequest, checkpoint_path, fault_path
+from pipelines.learning.loop.runs import CHECKPOINT, FAULT, RunRequest, file_of_run
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.predictor import GraspPredictor
 from pipelines.network.weights_files import weights_metadata
@@ -123,7 +123,7 @@ def test_a_dataset_root_is_no_packed_folder(tmp_path):
 
 def test_a_damaged_checkpoint_is_one_sentence(packed, tmp_path):
     path = tmp_path / "network.safetensors"
-    checkpoint, resumed = checkpoint_path(path), replace(REQUEST, resume=True)
+    checkpoint, resumed = file_of_run(path, CHECKPOINT), replace(REQUEST, resume=True)
     with stopped_after(1):
         train.run(packed, None, path, CONFIG, REQUEST)
     whole = checkpoint.read_bytes()
@@ -137,9 +137,9 @@ def test_a_checkpoint_of_another_network_is_one_sentence(packed, tmp_path):
     path = tmp_path / "network.safetensors"
     with stopped_after(1):
         train.run(packed, None, path, CONFIG, REQUEST)
-    tensors, metadata = load_weights(checkpoint_path(path))
+    tensors, metadata = load_weights(file_of_run(path, CHECKPOINT))
     lacking = {name: each for name, each in tensors.items() if "power" not in name}
-    save_weights(checkpoint_path(path), lacking, metadata)
+    save_weights(file_of_run(path, CHECKPOINT), lacking, metadata)
     with pytest.raises(SymgraspError, match="its tensors do not fit the network"):
         train.run(packed, None, path, CONFIG, replace(REQUEST, resume=True))
 
@@ -149,7 +149,7 @@ def test_a_network_that_runs_away_keeps_its_batch(packed, tmp_path):
     wild = replace(CONFIG, learning_rate=1e30)
     with pytest.raises(SymgraspError, match=r"it must be finite; .* holds the batch"):
         train.run(packed, None, path, wild, REQUEST)
-    assert not np.isfinite(train.replay(fault_path(path))["total"])
+    assert not np.isfinite(train.replay(file_of_run(path, FAULT))["total"])
 
 
 def test_a_folder_of_its_own_can_be_validated_on(packed, tmp_path):

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import random_rotation, transform_points
-from pipelines.tabletop.table_frame import table_from_camera
+from pipelines.tabletop.levelling import table_from_camera
 
 
 @given(st.integers(0, 2**31), st.floats(0.1, 2.0))

@@ -9,13 +9,19 @@ from typing import Any
 import numpy as np
 
 from pipelines.array_types import Array, Indices, Mask
-from pipelines.geometry.numerics import ray_tree
+from pipelines.geometry.numerics.compiled import compiled
 
 try:
     from embreex.mesh_construction import TriangleMesh
     from embreex.rtcore_scene import EmbreeScene
 except ImportError:  # `doctor` says so
     EmbreeScene = None
+
+LEAF = 4  # triangles of a node that is not split
+STACK = 64  # nodes that wait: a median tree of any size that fits into memory is less deep
+EDGE = 1e-12  # of a triangle's sides: a ray between two triangles misses neither
+WIDER = 1.0 + 1e-15  # of the way to a box's far side, for rounding
+TINY = 1e-300  # in the place of zero in a direction
 
 
 class EmbreeSearch:
@@ -44,12 +50,16 @@ class EmbreeSearch:
 
 
 class TreeSearch:
-    """A search of our own among `triangles` (t, 3, 3), some times slower than Embree's."""
+    """A search of our own among `triangles` (t, 3, 3), some times slower than Embree's.
+
+    By a tree of boxes: a node's is split at the median of its triangles along the axis on which
+    these lie widest.
+    """
 
     def __init__(self, triangles: Array) -> None:
         fixed = np.ascontiguousarray(triangles).view()
         fixed.flags.writeable = False  # as meshes' are: the loop is compiled for one kind
-        self._tree = ray_tree.built(fixed)
+        self._tree = _built(fixed)
         self._triangles = np.ascontiguousarray(triangles[self._tree[0]])
 
     def first(self, origins: Array, directions: Array) -> tuple[Indices, Array]:
@@ -62,7 +72,7 @@ class TreeSearch:
 
     def _cast(self, origins: Array, directions: Array, any_hit: bool) -> tuple[Indices, Array]:
         o, d = (np.ascontiguousarray(rays, np.float64) for rays in (origins, directions))
-        return ray_tree.cast(self._triangles, self._tree, o, d, any_hit)
+        return _cast(self._triangles, self._tree, o, d, any_hit)
 
 
 def has_embree() -> bool:
@@ -73,3 +83,118 @@ def has_embree() -> bool:
 def ray_search(triangles: Array) -> EmbreeSearch | TreeSearch:
     """Return a search among `triangles` (t, 3, 3)."""
     return EmbreeSearch(triangles) if has_embree() else TreeSearch(triangles)
+
+
+@compiled
+def _built(triangles: Array) -> tuple[Indices, Array, Indices]:
+    """Return the tree of `triangles` (t, 3, 3): an order (t,), boxes (n, 2, 3), and nodes (n, 2).
+
+    A node is (first triangle of the order, number of triangles), or (first of two children, 0).
+    """
+    count = len(triangles)
+    low, high = np.empty((count, 3)), np.empty((count, 3))
+    for n in range(count):
+        for axis in range(3):
+            a, b, c = triangles[n, 0, axis], triangles[n, 1, axis], triangles[n, 2, axis]
+            low[n, axis], high[n, axis] = min(a, b, c), max(a, b, c)
+    middle = low + high
+    order = np.arange(count)
+    boxes, nodes = np.empty((2 * count, 2, 3)), np.zeros((2 * count, 2), np.int64)
+    waiting = np.zeros((STACK, 3), np.int64)
+    waiting[0, 2], depth, made = count, 1, 1
+    while depth:
+        depth -= 1
+        node, start, end = waiting[depth, 0], waiting[depth, 1], waiting[depth, 2]
+        part = order[start:end]
+        widest, axis = -1.0, 0
+        for k in range(3):
+            boxes[node, 0, k], boxes[node, 1, k] = low[part, k].min(), high[part, k].max()
+            spread = middle[part, k].max() - middle[part, k].min()
+            if spread > widest:
+                widest, axis = spread, k
+        if end - start <= LEAF:
+            nodes[node, 0], nodes[node, 1] = start, end - start
+            continue
+        order[start:end] = part[np.argsort(middle[part, axis], kind="mergesort")]
+        nodes[node, 0] = made
+        half = (start + end) // 2
+        for first, last in ((start, half), (half, end)):
+            waiting[depth, 0], waiting[depth, 1], waiting[depth, 2] = made, first, last
+            depth, made = depth + 1, made + 1
+    return order, boxes[:made].copy(), nodes[:made].copy()
+
+
+@compiled
+def _entry(box: Array, origin: Array, inverse: Array, reach: float) -> float:
+    """Return how far along a ray it enters `box` (2, 3); inf if it does not before `reach`."""
+    near, far = 0.0, reach
+    for k in range(3):
+        one, other = (box[0, k] - origin[k]) * inverse[k], (box[1, k] - origin[k]) * inverse[k]
+        near, far = max(near, min(one, other)), min(far, max(one, other) * WIDER)
+    return near if near <= far else np.inf
+
+
+@compiled
+def _distance(corners: Array, origin: Array, along: Array) -> float:
+    """Return how far along a ray it crosses a triangle (3, 3); inf if it does not."""
+    ax, ay, az = corners[0, 0], corners[0, 1], corners[0, 2]
+    bx, by, bz = corners[1, 0] - ax, corners[1, 1] - ay, corners[1, 2] - az
+    cx, cy, cz = corners[2, 0] - ax, corners[2, 1] - ay, corners[2, 2] - az
+    dx, dy, dz = along[0], along[1], along[2]
+    px, py, pz = dy * cz - dz * cy, dz * cx - dx * cz, dx * cy - dy * cx
+    slope = bx * px + by * py + bz * pz
+    if slope == 0.0:
+        return np.inf
+    sx, sy, sz = origin[0] - ax, origin[1] - ay, origin[2] - az
+    u = (sx * px + sy * py + sz * pz) / slope
+    qx, qy, qz = sy * bz - sz * by, sz * bx - sx * bz, sx * by - sy * bx
+    v = (dx * qx + dy * qy + dz * qz) / slope
+    if u < -EDGE or v < -EDGE or u + v > 1.0 + EDGE:
+        return np.inf
+    distance = (cx * qx + cy * qy + cz * qz) / slope
+    return distance if distance > 0.0 else np.inf
+
+
+@compiled
+def _cast(
+    triangles: Array,
+    tree: tuple[Indices, Array, Indices],
+    origins: Array,
+    directions: Array,
+    any_hit: bool,
+) -> tuple[Indices, Array]:
+    """Return the first triangle (r,) of each ray, -1 for none, and its distance (r,) or inf.
+
+    Args:
+        triangles: (t, 3, 3) in the tree's order.
+        tree: as `_built`.
+        origins: (r, 3).
+        directions: (r, 3), the unit of the distances.
+        any_hit: leave off at any triangle that is hit, not the first.
+    """
+    order, boxes, nodes = tree
+    found, distance = np.full(len(origins), -1), np.full(len(origins), np.inf)
+    waiting, entries, inverse = np.empty(STACK, np.int64), np.empty(STACK), np.empty(3)
+    for r in range(len(origins)):
+        origin, along = origins[r], directions[r]
+        for k in range(3):
+            inverse[k] = 1.0 / (along[k] if abs(along[k]) > TINY else TINY)
+        waiting[0], entries[0], depth = 0, _entry(boxes[0], origin, inverse, np.inf), 1
+        while depth and not (any_hit and found[r] >= 0):
+            depth -= 1
+            node = waiting[depth]
+            if entries[depth] > distance[r] or entries[depth] == np.inf:
+                continue
+            first, count = nodes[node, 0], nodes[node, 1]
+            for n in range(first, first + count):
+                here = _distance(triangles[n], origin, along)
+                if here < distance[r]:
+                    found[r], distance[r] = order[n], here
+            if not count:
+                one = _entry(boxes[first], origin, inverse, distance[r])
+                other = _entry(boxes[first + 1], origin, inverse, distance[r])
+                nearer = 0 if one <= other else 1  # and goes on top
+                waiting[depth], entries[depth] = first + 1 - nearer, max(one, other)
+                waiting[depth + 1], entries[depth + 1] = first + nearer, min(one, other)
+                depth += 2
+    return found, distance

@@ -94,20 +94,6 @@ def _pairs(triangles: Indices, low: Indices, size: Indices) -> tuple[Indices, In
     return triangles[box], low[box] + offset
 
 
-def closest_points(triangles: Array, points: Array) -> Array:
-    """Return (n, 3) the point of each of `triangles` (n, 3, 3) closest to `points` (n, 3)."""
-    return _closest_points(np.ascontiguousarray(triangles), np.ascontiguousarray(points))
-
-
-@compiled
-def _closest_points(triangles: Array, points: Array) -> Array:
-    close = np.empty((len(points), 3))
-    for n in range(len(points)):
-        a, b, c = _place(triangles[n, 0]), _place(triangles[n, 1]), _place(triangles[n, 2])
-        close[n] = _closest(a, b, c, _place(points[n]))
-    return close
-
-
 @compiled
 def _closest_feet(corners: Array, normals: Array, low: Indices, high: Indices, nodes: int) -> Array:
     """Return (nodes^3, 3) the point of the nearest triangle, of several as near the first."""

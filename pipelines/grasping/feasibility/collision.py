@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from pipelines.array_types import Array, Counts, Indices, Mask, Singles
+from pipelines.configs import FeasibilityConfig
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.geometry.numerics.point_cells import PointCells
 from pipelines.geometry.pointcloud import Plane
@@ -50,49 +51,38 @@ class Obstacles:
         return cells.points, self.count[cells.index], cells.start, cells.centre, cells.radius
 
 
-@dataclass(frozen=True)
-class BodyTest:
-    """When the bodies of a gripper are in collision with obstacles.
+def bodies_meet(
+    grasps: GraspPoses, gripper: Gripper, obstacles: Obstacles, config: FeasibilityConfig
+) -> tuple[Mask, Array]:
+    """Return which of n grasps collide (n,), and what the others enclose.
 
-    Attributes:
-        margin: metres that the bodies are blown up by.
-        allowed: measured points, as noise, that they may hold.
+    The latter (n,) are metres that points between the fingers reach in from the tips, 0 for none
+    and where grasps collide.
     """
+    frames, bounds = _bodies(grasps, gripper, obstacles)
+    test = np.float32(config.body_margin), config.max_points_inside, obstacles.cells
+    met, enclosed = points_met(frames, bounds, *test)
+    return met, enclosed.astype(np.float64)
 
-    margin: float
-    allowed: int
 
-    def collides(
-        self, grasps: GraspPoses, gripper: Gripper, obstacles: Obstacles
-    ) -> tuple[Mask, Array]:
-        """Return which of n grasps collide (n,), and what the others enclose.
+def first_free(
+    grasps: GraspPoses,
+    gripper: Gripper,
+    obstacles: Obstacles,
+    config: FeasibilityConfig,
+    stability: Array,
+    wanted: tuple[float, int],
+) -> tuple[Indices, Array]:
+    """Return which of n grasps (f,) are free and hold something, and the metres (f,) they enclose.
 
-        The latter (n,) are metres that points between the fingers reach in from the tips, 0 for
-        none and where grasps collide.
-        """
-        frames, bounds = _bodies(grasps, gripper, obstacles)
-        blown = np.float32(self.margin)
-        met, enclosed = points_met(frames, bounds, blown, self.allowed, obstacles.cells)
-        return met, enclosed.astype(np.float64)
-
-    def first_free(
-        self,
-        grasps: GraspPoses,
-        gripper: Gripper,
-        obstacles: Obstacles,
-        stability: Array,
-        wanted: tuple[float, float, int],
-    ) -> tuple[Indices, Array]:
-        """Return which of n grasps (f,) are free, and the metres (f,) that they enclose.
-
-        The most stable come first, `stability` (n,). `wanted`: the least metres to enclose; the
-        share of the first free grasp's stability that others need; the most grasps to return. The
-        search ends where no more are wanted.
-        """
-        frames, bounds = _bodies(grasps, gripper, obstacles)
-        test = np.float32(self.margin), self.allowed, obstacles.cells
-        free, enclosed = first_free_grasps(frames, bounds, *test, stability, wanted)
-        return free, enclosed.astype(np.float64)
+    The most stable come first, `stability` (n,). `wanted`: the share of the first free grasp's
+    stability that others need; the most grasps to return. The search ends where no more are wanted.
+    """
+    frames, bounds = _bodies(grasps, gripper, obstacles)
+    test = np.float32(config.body_margin), config.max_points_inside, obstacles.cells
+    least = config.min_enclosed, *wanted
+    free, enclosed = first_free_grasps(frames, bounds, *test, stability, least)
+    return free, enclosed.astype(np.float64)
 
 
 def clearance(grasps: GraspPoses, gripper: Gripper, obstacles: Obstacles, cap: float) -> Array:

@@ -13,7 +13,12 @@ from pipelines.array_types import Array, Indices, Mask
 from pipelines.configs import FeasibilityConfig
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import unit
-from pipelines.grasping.feasibility.collision import BodyTest, clearance, lowest_height
+from pipelines.grasping.feasibility.collision import (
+    bodies_meet,
+    clearance,
+    first_free,
+    lowest_height,
+)
 from pipelines.grasping.feasibility.image_border import ImageBorder
 from pipelines.grasping.feasibility.surroundings import Surroundings
 from pipelines.grasping.grasps import GraspPoses
@@ -68,11 +73,6 @@ class Feasibility:
         """The least and the greatest distance of contacts, metres."""
         return self.config.min_width, float(self.gripper.max_width)
 
-    @property
-    def body_test(self) -> BodyTest:
-        """When the gripper's bodies are in collision."""
-        return BodyTest(self.config.body_margin, self.config.max_points_inside)
-
     def reachable(self, base: GraspPoses, angles: Array) -> tuple[GraspPoses, Indices]:
         """Return `base` (k,) at those of `angles` (m,) that need no look at the points.
 
@@ -92,9 +92,8 @@ class Feasibility:
         The most stable come first, `stability` (n,). At most `count` are returned, as stable as
         `min_stability` times the first of them; with each the metres (f,) that it encloses.
         """
-        wanted = self.config.min_enclosed, min_stability, count
-        obstacles = self.around.all
-        return self.body_test.first_free(grasps, self.gripper, obstacles, stability, wanted)
+        wanted = min_stability, count
+        return first_free(grasps, self.gripper, self.around.all, self.config, stability, wanted)
 
     def has_free_path(self, grasps: GraspPoses) -> Mask:
         """Return (n,) which `grasps` meet nothing from `approach_distance` back to their pose.
@@ -108,7 +107,7 @@ class Feasibility:
         swept = self.gripper.swept(self.config.approach_distance)
         for obstacles in (self.around.all, self.scene.coarse):
             left = np.flatnonzero(free)
-            met, _ = self.body_test.collides(grasps[left], swept, obstacles)
+            met, _ = bodies_meet(grasps[left], swept, obstacles, self.config)
             free[left] = ~met
         return free
 
@@ -116,7 +115,7 @@ class Feasibility:
         """Return (n,) which `grasps`, moved or widened from feasible ones, are feasible too."""
         left = np.flatnonzero(grasps.width <= self.gripper.max_width)
         left = left[self._well_placed(grasps[left])]
-        met, _ = self.body_test.collides(grasps[left], self.gripper, self.around.all)
+        met, _ = bodies_meet(grasps[left], self.gripper, self.around.all, self.config)
         left = left[~met]
         left = left[self.has_free_path(grasps[left])]
         allowed = np.zeros(len(grasps), np.bool_)

@@ -11,7 +11,7 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import rotate_vectors, transform_points, unit
 from pipelines.grasping.grasps import GraspPoses
-from pipelines.tabletop.table_frame import table_from_camera
+from pipelines.tabletop.levelling import table_from_camera
 
 ANY_DIRECTION = 180.0  # degrees
 FARTHEST = 50.0  # metres, of a workspace's corner; beyond it are millimetres

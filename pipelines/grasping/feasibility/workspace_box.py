@@ -8,7 +8,7 @@ import numpy as np
 from pipelines.array_types import Array, Mask
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import transform_points
-from pipelines.tabletop.table_frame import table_from_camera
+from pipelines.tabletop.levelling import table_from_camera
 
 BULK = (1.0, 99.0)  # percent of a region's points that a box is laid around: others are strays
 BELOW_TABLE = 0.01  # metres below the table that a box reaches; the table is not known exactly

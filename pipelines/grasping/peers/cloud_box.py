@@ -6,7 +6,7 @@ from pipelines.array_types import Mask
 from pipelines.geometry.transforms import transform_points
 from pipelines.grasping.peers.darboux import MAX_HEIGHT, MIN_HEIGHT
 from pipelines.grasping.scene import MAX_RANGE, SceneCloud
-from pipelines.tabletop.table_frame import table_from_camera
+from pipelines.tabletop.levelling import table_from_camera
 
 MARGIN = 0.02  # metres about what stands on the table
 OUTLIERS = 0.5  # percent of the points, on each side, that do not widen the box

@@ -13,6 +13,7 @@ from pipelines.geometry.numerics.compiled import compiled
 from pipelines.geometry.pointcloud import voxel_downsample
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
+from pipelines.grasping.peers.rectangles import contact_width
 
 HAND_VOXEL = 0.005  # metres, of thinned clouds
 OPENING = 0.08  # metres, of PointNetGPD's hands
@@ -20,7 +21,6 @@ HEIGHT = 0.02  # metres, of every hand
 BEHIND = 0.02  # metres behind the point that the closing region begins
 FINGER_LENGTH, THICKNESS, WAY_IN = 0.06, 0.01, 0.03  # metres, of a hand in the collision test
 MAX_FILLED = 0.01  # share of the cells of a hand's bodies that may hold points
-LEAST_WIDTH = 0.001  # metres between contacts; nothing is thinner
 MIN_CLOSED_ON = 20  # between the fingers; fewer show nothing
 
 
@@ -68,8 +68,7 @@ class Hands:
 def hand_grasps(hands: Hands, gripper: Gripper) -> GraspPoses:
     """Return the grasps of `gripper` at `hands`, opened as wide as these where it can."""
     contacts = hands.origin + (hands.depth - gripper.tip_reach)[:, None] * hands.rotation[:, :, 0]
-    width = np.minimum(hands.opening, gripper.max_opening) - 2 * gripper.clearance
-    return GraspPoses(hands.rotation, contacts, np.maximum(width, LEAST_WIDTH))
+    return GraspPoses(hands.rotation, contacts, contact_width(hands.opening, gripper))
 
 
 def thinned(points: Array, size: float = HAND_VOXEL) -> Array:

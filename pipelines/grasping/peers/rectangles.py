@@ -133,7 +133,7 @@ def rectangle_grasps(
     )
     z = depth[pixels[index, 1], pixels[index, 0]].astype(np.float64)
     index, z = index[z > 0], z[z > 0]
-    origin, side = (at_depth(rows[index, i : i + 2], z, intrinsics) for i in (0, 2))
+    origin, side = (intrinsics.points_at(rows[index, i : i + 2], z) for i in (0, 2))
     line = side - origin
     length = np.linalg.norm(line, axis=1)
     long = length > MIN_LINE
@@ -143,13 +143,6 @@ def rectangle_grasps(
     rotation = np.stack([approach, closing, cross(approach, closing)], axis=-1)
     forward = (GRASPNET_DEPTH - gripper.tip_reach) * approach
     return GraspPoses(rotation, origin + forward, contact_width(2.0 * length, gripper)), index
-
-
-def at_depth(pixels: Array, z: Array, intrinsics: Intrinsics) -> Array:
-    """Return (n, 3) the points of `pixels` (n, 2) at the depths `z` (n,)."""
-    x = (pixels[:, 0] - intrinsics.cx) / intrinsics.fx * z
-    y = (pixels[:, 1] - intrinsics.cy) / intrinsics.fy * z
-    return np.stack([x, y, z], axis=1)
 
 
 def contact_width(opening: Array, gripper: Gripper) -> Array:

@@ -13,10 +13,10 @@ from pipelines.geometry.symmetry import (
     RotationSymmetry,
     SphereSymmetry,
     Symmetry,
+    SymmetrySlots,
 )
 from pipelines.geometry.transforms import unit
 from pipelines.grasping.scene import SceneCloud
-from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
 
 NEAR, NEEDED = 0.2, 0.5  # of a coordinate of unit vectors; share of the points near a core of them
 TRIALS = 256  # lines through two feet each
@@ -47,7 +47,7 @@ class SymmetryOffsets:
     mode: Array
 
 
-def symmetries_by_offsets(said: SymmetryOffsets, scene: SceneCloud) -> RegionSymmetries:
+def symmetries_by_offsets(said: SymmetryOffsets, scene: SceneCloud) -> SymmetrySlots:
     """Return the planes, the axis and the sphere that the points agree on.
 
     Confidence is the predicted probability times the share of the points that agree; of planes and
@@ -67,7 +67,7 @@ def symmetries_by_offsets(said: SymmetryOffsets, scene: SceneCloud) -> RegionSym
     center = np.median(votes, axis=0)
     share = float((np.linalg.norm(votes - center, axis=1) < INLIER).mean())
     found.append((SPHERE_SLOT, SphereSymmetry(center), share * float(said.mode[SPHERE])))
-    return RegionSymmetries.of(found)
+    return SymmetrySlots.of(found, "network")
 
 
 def unrefuted(points: Array, scene: SceneCloud) -> float:

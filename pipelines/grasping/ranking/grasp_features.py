@@ -89,7 +89,7 @@ class GraspFeatures:
     def _slot_confidence(self) -> Array:
         """(k,) confidence in the symmetry that a grasp rests on; 0 without one."""
         slot = self.found.slot
-        return np.where(slot >= 0, self.known.symmetries.confidence[np.maximum(slot, 0)], 0.0)
+        return np.where(slot >= 0, self.known.symmetries.existence[np.maximum(slot, 0)], 0.0)
 
     def points(self) -> Singles:
         """Return (k, 64, 11) the `POINT_FEATURES` of the points nearest to each closing gripper."""
@@ -147,7 +147,7 @@ CANDIDATE_BLOCKS = (
     ),
     Block(
         tuple(f"confidence_{slot}" for slot in range(NUM_SLOTS)),
-        lambda of: np.broadcast_to(of.known.symmetries.confidence, (len(of.found), NUM_SLOTS)),
+        lambda of: np.broadcast_to(of.known.symmetries.existence, (len(of.found), NUM_SLOTS)),
     ),
 )
 CANDIDATE_FEATURES = tuple(name for block in CANDIDATE_BLOCKS for name in block.names)

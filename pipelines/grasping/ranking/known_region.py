@@ -6,8 +6,8 @@ from functools import cached_property
 import numpy as np
 
 from pipelines.array_types import Array, Singles
+from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasping.scene import RegionCloud, SceneCloud
-from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
 from pipelines.tabletop.levelling import UNKNOWN_UP
 
 MEASURED, HIDDEN, FOREIGN = 400, 200, 150  # of a region's points that may be chosen from, each kind
@@ -28,7 +28,7 @@ class KnownRegion:
 
     region: RegionCloud
     scene: SceneCloud
-    symmetries: RegionSymmetries
+    symmetries: SymmetrySlots
     hidden: Array
     foreign: Array
 
@@ -41,12 +41,12 @@ class KnownRegion:
     def centre(self) -> Array:
         """(3,) the expected centre of mass: the middle, moved toward each symmetry (D. 143).
 
-        The share of the way is the confidence in the symmetry.
+        The share of the way is the belief in the symmetry.
         """
         centre = self.region.middle
         for slot, symmetry in self.symmetries.between(0.0):
             across = symmetry.counterpart(centre) - centre
-            centre = centre + 0.5 * self.symmetries.confidence[slot] * across
+            centre = centre + 0.5 * self.symmetries.existence[slot] * across
         return centre
 
     def heights(self, points: Array) -> Array:

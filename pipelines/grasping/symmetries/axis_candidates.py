@@ -12,13 +12,14 @@ from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import ROTATION_SLOT, RotationSymmetry, SymmetrySlots
 from pipelines.geometry.transforms import basis_from_direction, cross
 from pipelines.grasping.symmetries.plane_candidates import (
+    NETWORK,
+    SHAPE,
     axes_of_spread,
     half_between_ends,
     halfway_up,
     largest_face,
     level_directions,
 )
-from pipelines.grasping.symmetries.sources import NETWORK, SHAPE
 
 
 def starting_axes(

@@ -1,16 +1,21 @@
 """Symmetries of a region by fitting alone, the geometric rival of Sec. IV-E."""
 
-from pipelines.geometry.symmetry import REFLECTION_SLOTS, ROTATION_SLOT, SPHERE_SLOT, Symmetry
+from pipelines.geometry.symmetry import (
+    REFLECTION_SLOTS,
+    ROTATION_SLOT,
+    SPHERE_SLOT,
+    Symmetry,
+    SymmetrySlots,
+)
 from pipelines.geometry.symmetry_icp.bodies import BodyFit, axis_fit, smooth_part, sphere_fit
 from pipelines.geometry.symmetry_icp.planes import PlaneFit, plane_fits
 from pipelines.geometry.symmetry_icp.surface import FreeSpace, SeenSurface
 from pipelines.grasping.scene import RegionCloud, SceneCloud
-from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
 
 ACCEPTED = 0.5  # confidence that fits which pass the published thresholds exceed, and others do not
 
 
-def symmetries_by_fitting(region: RegionCloud, scene: SceneCloud) -> RegionSymmetries:
+def symmetries_by_fitting(region: RegionCloud, scene: SceneCloud) -> SymmetrySlots:
     """Return the symmetries that fit the points of `region`, without any network.
 
     The three most confident planes, the best axis and the best sphere; those of a confidence above
@@ -26,7 +31,7 @@ def symmetries_by_fitting(region: RegionCloud, scene: SceneCloud) -> RegionSymme
     ]
     bodies = {ROTATION_SLOT: axis_fit(smooth, space), SPHERE_SLOT: sphere_fit(smooth, space)}
     found += [(slot, body.symmetry, _confidence(body)) for slot, body in bodies.items()]
-    return RegionSymmetries.of(found)
+    return SymmetrySlots.of(found, "shape")
 
 
 def _confidence(fit: PlaneFit | BodyFit) -> float:

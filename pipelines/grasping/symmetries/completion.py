@@ -12,10 +12,9 @@ import numpy as np
 from pipelines.array_types import Array
 from pipelines.configs import SymmetryConfig
 from pipelines.geometry.pointcloud import voxel_downsample
-from pipelines.geometry.symmetry import RotationSymmetry, Symmetry
+from pipelines.geometry.symmetry import RotationSymmetry, Symmetry, SymmetrySlots
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.grasping.symmetries.observed_frustum import in_observed_frustum
-from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
 
 COMPLETING_TURNS = np.radians(np.arange(45.0, 360.0, 45.0))
 
@@ -41,7 +40,7 @@ class Completion:
 def completions(
     regions: Sequence[RegionCloud],
     scene: SceneCloud,
-    symmetries: Sequence[RegionSymmetries],
+    symmetries: Sequence[SymmetrySlots],
     config: SymmetryConfig,
     resolution: float,
 ) -> list[Completion]:

@@ -28,13 +28,18 @@ from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.grasping.symmetries.axis_candidates import starting_axes
 from pipelines.grasping.symmetries.axis_critic import AxisCritic
 from pipelines.grasping.symmetries.observed_frustum import in_observed_frustum
+from pipelines.grasping.symmetries.plane_candidates import NETWORK, SHAPE
 from pipelines.grasping.symmetries.plane_evidence import SAME_FIT, RegionEvidence, likely_planes
-from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
-from pipelines.grasping.symmetries.sources import BY_CANDIDATES, NETWORK, SHAPE, SOURCE_NAMES
 
 NUM_POINTS = 400  # of the region that are fitted; chosen by eye, as the next two
 STRIDE = 4  # of these, between the points that are turned about each axis
 TURNS = np.radians([60.0, 120.0, 180.0, 240.0, 300.0])
+SOURCE_NAMES = ("", "network", "shape", "both")  # by the bits of a candidate's sources
+BY_CANDIDATES: dict[SymmetrySource, int] = {
+    "network": NETWORK,
+    "shape": SHAPE,
+    "network+shape": NETWORK | SHAPE,
+}
 
 Fitted = TypeVar("Fitted", RotationSymmetry, SphereSymmetry)
 
@@ -55,7 +60,7 @@ class Evidence(Generic[Fitted]):
         symmetries: k of one kind, camera frame.
         rows: (k, 3), 0 to 1: the network's existence; the share of the seen surface that the fit
             explains; the share of images that lie on or behind the observed surface.
-        sources: (k,) bits, as in `sources.py`.
+        sources: (k,) bits, by `NETWORK` and `SHAPE`.
     """
 
     symmetries: list[Fitted]
@@ -87,7 +92,7 @@ def ground_symmetries(
     scene: SceneCloud,
     critics: SymmetryCritics,
     candidates: SymmetrySource = "network+shape",
-) -> RegionSymmetries:
+) -> SymmetrySlots:
     """Return the predicted `slots` fitted to `region`, with the confidence in each.
 
     Planes are ordered by confidence: they leave the slots that predicted them.
@@ -103,7 +108,7 @@ def ground_symmetries(
         (slot, *plane) for slot, plane in zip(REFLECTION_SLOTS, planes, strict=False)
     ]
     fitted += [(ROTATION_SLOT, *axis), (SPHERE_SLOT, *sphere)]
-    found = RegionSymmetries.of(each[:3] for each in fitted)
+    found = SymmetrySlots.of(each[:3] for each in fitted)
     for slot, _, _, source in fitted:
         found.source[slot] = SOURCE_NAMES[source]
     return found

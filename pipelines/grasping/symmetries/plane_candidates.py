@@ -19,8 +19,9 @@ from pipelines.geometry.symmetry import (
     SymmetrySlots,
 )
 from pipelines.geometry.transforms import basis_from_direction, cross, unit
-from pipelines.grasping.symmetries.sources import NETWORK, SHAPE
 
+# Sources of a candidate symmetry: the network, the region's shape, or both, as bits.
+NETWORK, SHAPE = 1, 2
 ENDS = (0.015, 0.985)  # of the points along a direction, against flying pixels
 TOP = 0.97  # of a region's heights, likewise
 FACE_TRIALS = 40  # normals tried as the one of the largest face
@@ -157,7 +158,7 @@ def merged_planes(
     """Return `planes` without those within `angle` (radians) and `offset` (metres) of one before.
 
     And the sources of all that each stands for. `offset` is taken along the earlier plane's normal;
-    `sources` (k,) are bits, as in `sources.py`.
+    `sources` (k,) are bits, by `NETWORK` and `SHAPE`.
     """
     normal = np.array([plane.normal for plane in planes]).reshape(-1, 3)
     point = np.array([plane.point for plane in planes]).reshape(-1, 3)

@@ -22,11 +22,12 @@ from pipelines.grasping.scene import SceneCloud
 from pipelines.grasping.symmetries.mirror_views import MirrorImages, plane_features, point_features
 from pipelines.grasping.symmetries.observed_frustum import in_observed_frustum
 from pipelines.grasping.symmetries.plane_candidates import (
+    NETWORK,
+    SHAPE,
     candidate_planes,
     merged_planes,
     region_top,
 )
-from pipelines.grasping.symmetries.sources import NETWORK, SHAPE
 
 # All chosen by eye, but for RIVALS (D. 65); the shipped weights were trained with them.
 BESIDE = 0.008  # metres from an image to the nearest seen point: it lies beside the surface

@@ -16,9 +16,9 @@ def mean_slots(existence: Floats, point: Floats, direction: Floats) -> SymmetryS
         point: (n, 5, 3) metres.
         direction: (n, 5, 3) unit; that of the sphere is not looked at.
     """
-    slots, same = SymmetrySlots.empty(), np.full((SPHERE_SLOT, len(existence)), 1 / len(existence))
+    slots = SymmetrySlots.of((), "network")
     slots.existence[:], slots.point[:] = existence.mean(axis=0), point.mean(axis=0)
-    slots.direction[:SPHERE_SLOT] = leading_directions(_by_slot(direction)[:SPHERE_SLOT], same)
+    slots.direction[:SPHERE_SLOT] = _leading_directions(_by_slot(direction)[:SPHERE_SLOT])
     return slots
 
 
@@ -28,12 +28,9 @@ def _by_slot(vectors: Floats) -> Array:
     return np.ascontiguousarray(flat.T, np.float64).reshape(*vectors.shape[1:], len(vectors))
 
 
-def leading_directions(directions: Array, weight: Array) -> Array:
-    """Return the unit axes (s, 3) of `directions` (s, 3, n), whose signs do not matter.
-
-    `weight`: (s, n).
-    """
-    scatter = (weight[:, None] * directions) @ directions.swapaxes(1, 2)
+def _leading_directions(directions: Array) -> Array:
+    """Return the unit axes (s, 3) of `directions` (s, 3, n), whose signs do not matter."""
+    scatter = (directions * (1 / directions.shape[2])) @ directions.swapaxes(1, 2)
     axes: Array = np.linalg.eigh(scatter)[1][..., 2]
     largest = np.take_along_axis(axes, np.abs(axes).argmax(axis=1, keepdims=True), axis=1)
     return np.where(largest > 0, axes, -axes)

@@ -1,5 +1,7 @@
 """The grasps of a compared method, region by region as `grasps.h5` has them."""
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.spatial import KDTree
 
@@ -13,7 +15,6 @@ from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.ranking.suppression import non_maximum_suppression
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.inference.observation import Observation
-from pipelines.inference.peers.frame_method import FrameMethod
 from pipelines.inference.plans import Plan
 from pipelines.inference.regions import REST, Region
 
@@ -23,6 +24,10 @@ MOST_COMPARED = 3000  # grasps, the best, among which alike ones are sought
 ON_REGION = 0.03  # metres from a region's points to the contacts' middle
 AS_GIVEN = np.zeros(1)  # radians: a compared method's grasps are not turned
 OWN_SCORE = "own"  # the origin of the scores: the method's
+
+# A method that finds grasps, camera frame, in a whole frame, and says its own score (n,) of each.
+# The scene has depth without the holes of sparse sensors; the generator is for what is drawn.
+FrameMethod = Callable[[Frame, SceneCloud, np.random.Generator], tuple[GraspPoses, Array]]
 
 
 def plans_of_whole(
@@ -37,7 +42,7 @@ def plans_of_whole(
 
     Grasps on none of them belong to a last region, the rest of the image.
     """
-    grasps, score = best_first(*peer.grasps(frame, seen.scene, rng), seen.scene)
+    grasps, score = best_first(*peer(frame, seen.scene, rng), seen.scene)
     regions, clouds = seen.in_workspace()
     owner = region_of_each(grasps, clouds)
     if config.selects_for_peers:

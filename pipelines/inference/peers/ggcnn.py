@@ -14,13 +14,12 @@ from pipelines.grasping.peers.grasp_maps import MAP_SIDE, GraspMaps, scaled_rows
 from pipelines.grasping.peers.rectangles import rectangle_grasps
 from pipelines.grasping.scene import SceneCloud
 from pipelines.network.peers.ggcnn import GGCNN, SIDES_BY
-from pipelines.network.peers.ggcnn_input import normalised
-from pipelines.tabletop.whole_depth import whole_depth
+from pipelines.network.peers.ggcnn_input import normalised, whole_depth
 
 
 @dataclass(frozen=True)
 class GGCNNMethod:
-    """A `FrameMethod`: a trained GG-CNN or GG-CNN2."""
+    """A trained GG-CNN or GG-CNN2; `grasps` is a `FrameMethod`."""
 
     network: GGCNN
     gripper: Gripper

@@ -21,7 +21,7 @@ COLLISION_CELL, COLLISION_WAY_IN = 0.01, 0.05  # metres, of the collision test
 
 @dataclass(frozen=True)
 class GraspNetMethod:
-    """A `FrameMethod`: GraspNet's baseline, trained."""
+    """GraspNet's baseline, trained; `grasps` is a `FrameMethod`."""
 
     network: GraspNetBaseline
     gripper: Gripper

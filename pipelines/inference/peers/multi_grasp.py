@@ -22,7 +22,7 @@ from pipelines.tabletop.depth_channels import shrink
 
 @dataclass(frozen=True)
 class MultiGraspMethod:
-    """A `FrameMethod`: a trained Multi-Grasp of the size that `config` says."""
+    """A trained Multi-Grasp of the size that `config` says; `grasps` is a `FrameMethod`."""
 
     network: FasterRCNN
     gripper: Gripper

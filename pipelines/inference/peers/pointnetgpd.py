@@ -22,7 +22,7 @@ AT_ONCE = 64  # candidates
 
 @dataclass(frozen=True)
 class PointNetGPDMethod:
-    """A `FrameMethod`: a trained PointNetGPD."""
+    """A trained PointNetGPD; `grasps` is a `FrameMethod`."""
 
     network: PointNetGPD
     gripper: Gripper

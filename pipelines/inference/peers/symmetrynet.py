@@ -1,35 +1,31 @@
 """SymmetryNet on the regions of a frame."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasping.peers.hands import drawn_points
 from pipelines.grasping.peers.symmetry_offsets import SymmetryOffsets, symmetries_by_offsets
 from pipelines.grasping.scene import RegionCloud, SceneCloud
-from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
 from pipelines.network.peers.symmetrynet import SymmetryNet
 from pipelines.network.peers.symmetrynet_input import normalised_colors, region_crop
 
 
 @dataclass(frozen=True)
 class SymmetryNetMethod:
-    """A `RegionMethod`: SymmetryNet, trained."""
-
-    source: ClassVar[str] = "network"
+    """SymmetryNet, trained; `symmetries` is a `RegionMethod`."""
 
     network: SymmetryNet
     device: torch.device
 
     def symmetries(
-        self, clouds: Sequence[RegionCloud], scene: SceneCloud, color: NDArray[np.uint8]
-    ) -> list[RegionSymmetries]:
-        """Return the symmetries of each cloud, camera frame."""
-        return [symmetries_by_offsets(self.offsets(cloud, scene, color), scene) for cloud in clouds]
+        self, cloud: RegionCloud, scene: SceneCloud, color: NDArray[np.uint8]
+    ) -> SymmetrySlots:
+        """Return the symmetries of a region, camera frame."""
+        return symmetries_by_offsets(self.offsets(cloud, scene, color), scene)
 
     @torch.inference_mode()
     def offsets(

@@ -1,7 +1,7 @@
 """Collection of a critic's rows: the chain of `infer` on frames whose truth is known."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -150,9 +150,7 @@ class Collector:
         for model, object_id in zip(planned, frame.object_ids, strict=True):
             if object_id < 0:
                 continue
-            recorder = Recorder(rng)
-            RegionPlanner(self.gripper, selection, recorder).plan(model, scene)
-            for features in recorder.seen:
+            for features in self._tried(model, scene, rng):
                 chosen = np.sort(rng.permutation(len(features.found))[: self.config.max_grasps])
                 candidates = features.candidates()[chosen]
                 opened = self._opened(features, model, scene)[chosen]
@@ -164,6 +162,19 @@ class Collector:
                     features.found.slot[chosen],
                 )
 
+    def _tried(
+        self, model: RegionModel, scene: SceneCloud, rng: np.random.Generator
+    ) -> list[GraspFeatures]:
+        """Return what a critic sees of the grasps of each pass; it scores them at random."""
+        seen: list[GraspFeatures] = []
+
+        def critic(features: GraspFeatures) -> Array:
+            seen.append(features)
+            return HIGHEST_SCORE * rng.random(len(features.found))
+
+        RegionPlanner(self.gripper, self.config.infer.selection, critic).plan(model, scene)
+        return seen
+
     def _opened(self, features: GraspFeatures, model: RegionModel, scene: SceneCloud) -> GraspPoses:
         """Return the grasps with the opening margins that they would get if they were chosen."""
         selection, unseen = self.config.infer.selection, model.completion
@@ -171,19 +182,6 @@ class Collector:
         feasibility = Feasibility.at(model.cloud, scene, self.gripper, selection.feasibility, cap)
         feasibility = feasibility.with_unseen(unseen.others).with_unseen(unseen.own)
         return with_opening_margin(features.found, feasibility, cap).grasps
-
-
-@dataclass
-class Recorder:
-    """A stand-in for the grasp critic: it scores at random and keeps what it sees."""
-
-    rng: np.random.Generator
-    seen: list[GraspFeatures] = field(default_factory=list)
-
-    def expect(self, features: GraspFeatures, /) -> Array:
-        """Return (k,) random scores."""
-        self.seen.append(features)
-        return HIGHEST_SCORE * self.rng.random(len(features.found))
 
 
 def _evidence_rows(evidence: Evidence[Fitted], truth: TrueRegion, slot: int) -> CriticRows:

@@ -58,9 +58,6 @@ def prepare_frame(
     regions = np.zeros((frame.intrinsics.height, frame.intrinsics.width), np.uint8)
     for number, mask in enumerate(masks, start=1):
         regions[mask] = number
-    rows = np.floor((np.arange(small.depth.shape[0]) + 0.5) * regions.shape[0] / len(small.depth))
-    columns = np.floor(
-        (np.arange(small.depth.shape[1]) + 0.5) * regions.shape[1] / small.depth.shape[1]
-    )
-    picked = regions[np.ix_(rows.astype(int), columns.astype(int))]
-    return DetectorFrame(small, find_plane(small), picked)
+    sides = zip(small.depth.shape, regions.shape, strict=True)
+    picked = [np.floor((np.arange(few) + 0.5) * many / few).astype(int) for few, many in sides]
+    return DetectorFrame(small, find_plane(small), regions[np.ix_(*picked)])

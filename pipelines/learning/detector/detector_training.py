@@ -18,7 +18,7 @@ from pipelines.learning.detector.frame_views import (
     masks_of,
     random_example,
 )
-from pipelines.learning.detector.mask_figures import MaskFigures
+from pipelines.learning.detector.mask_figures import mask_figures
 from pipelines.learning.loop.faults import Fault, numbered, unnumbered
 from pipelines.learning.loop.loaders import epoch_batches
 from pipelines.learning.speed.processes import Processes
@@ -77,7 +77,7 @@ class DetectorTraining:
     @torch.no_grad()
     def validate(self) -> dict[str, float]:
         """Return mask AP on (at most `max_val_frames` of) the held-out frames."""
-        figures = MaskFigures()
+        frames = []
         for key in spread(self.frames.val, self.config.max_val_frames):
             view = detector_frames.read(*key)
             example = as_example(view, self.config.detector.input)
@@ -90,8 +90,8 @@ class DetectorTraining:
                 )
             ]
             masks = np.stack(drawn) if drawn else np.zeros((0, *size), bool)
-            figures.add(masks_of(view.regions), masks, found["scores"].cpu().numpy())
-        return figures.figures()
+            frames.append((masks_of(view.regions), masks, found["scores"].cpu().numpy()))
+        return mask_figures(frames)
 
 
 def spread(keys: FileRows, most: int) -> FileRows:

@@ -11,7 +11,7 @@ from torch import Tensor
 from pipelines.array_types import Mask, Singles
 from pipelines.dataset.training.detector_frames import DetectorFrame
 from pipelines.geometry.pointcloud import Plane
-from pipelines.network.detection.detector_input import detector_image
+from pipelines.network.detection.detector import detector_image
 from pipelines.network.detection.mask_rcnn import COLOR_CHANNELS
 from pipelines.storage.masks_rle import box_of_mask
 from pipelines.tabletop.depth_channels import SmallFrame

@@ -1,5 +1,7 @@
 """Average precision of masks, by COCO's own protocol and code."""
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,28 +9,23 @@ from pipelines.array_types import Mask
 from pipelines.metrics.coco_masks import coco_average_precision, match_masks
 
 
-class MaskFigures:
-    """Collects true and predicted masks frame by frame; `figures` sums them up."""
+def mask_figures(frames: Iterable[tuple[Mask, Mask, NDArray[np.floating]]]) -> dict[str, float]:
+    """Return AP at IoU 0.5, AP averaged over IoU 0.5 to 0.95, and recall at IoU 0.5.
 
-    def __init__(self) -> None:
-        self._num_truth = 0
-        self._confidence: list[NDArray[np.floating]] = []
-        self._right: list[Mask] = []
-
-    def add(self, truth: Mask, predicted: Mask, confidence: NDArray[np.floating]) -> None:
-        """Take in one frame: masks (n, h, w) and (m, h, w), confidences (m,)."""
-        self._num_truth += len(truth)
-        self._confidence.append(confidence)
-        self._right.append(match_masks(list(predicted), confidence.tolist(), list(truth)))
-
-    def figures(self) -> dict[str, float]:
-        """Return AP at IoU 0.5, AP averaged over IoU 0.5 to 0.95, and recall at IoU 0.5."""
-        if not self._num_truth or not sum(map(len, self._confidence)):
-            return {"mask_ap50": 0.0, "mask_ap": 0.0, "mask_recall50": 0.0}
-        right = np.concatenate(self._right, axis=1)
-        found = coco_average_precision(np.concatenate(self._confidence), right, self._num_truth)
-        return {
-            "mask_ap50": float(found[0]),
-            "mask_ap": float(found.mean()),
-            "mask_recall50": float(right[0].sum() / self._num_truth),
-        }
+    `frames`: of each the true masks (n, h, w), the found ones (m, h, w), and their confidence (m,).
+    """
+    num_truth, right = 0, list[Mask]()
+    confidence: list[NDArray[np.floating]] = []
+    for truth, found, sure in frames:
+        num_truth += len(truth)
+        confidence.append(sure)
+        right.append(match_masks(list(found), sure.tolist(), list(truth)))
+    if not num_truth or not sum(map(len, confidence)):
+        return {"mask_ap50": 0.0, "mask_ap": 0.0, "mask_recall50": 0.0}
+    hits = np.concatenate(right, axis=1)
+    precision = coco_average_precision(np.concatenate(confidence), hits, num_truth)
+    return {
+        "mask_ap50": float(precision[0]),
+        "mask_ap": float(precision.mean()),
+        "mask_recall50": float(hits[0].sum() / num_truth),
+    }

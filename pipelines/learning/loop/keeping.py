@@ -10,12 +10,13 @@ import json
 import math
 import time
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 
 import torch
 from torch import Tensor
 
-from pipelines.learning.loop.runs import Progress, checkpoint_path, curves_path
+from pipelines.learning.loop.runs import CHECKPOINT, CURVES, Progress, file_of_run
 from pipelines.learning.loop.trainee import Trainee
 from pipelines.learning.progress.curves import write_curves
 from pipelines.learning.speed.weight_average import WeightAverage
@@ -43,7 +44,7 @@ class Keeper:
 
     def restore(self) -> Progress:
         """Restore the state of the checkpoint, and return its progress."""
-        path = checkpoint_path(self.output)
+        path = file_of_run(self.output, CHECKPOINT)
         state = load_training(path)
         fill(self.trainee.module, _with_prefix(state.model, "weights."), path)
         self.average.load(_with_prefix(state.model, "average."))
@@ -62,8 +63,8 @@ class Keeper:
             "best": self._best,
         }
         model = {f"{kind}.{n}": each for kind, group in groups.items() for n, each in group.items()}
-        state = TrainingState(model, self.optimizer.state_dict(), progress.as_json())
-        save_training(checkpoint_path(self.output), state, self.stamp)
+        state = TrainingState(model, self.optimizer.state_dict(), asdict(progress))
+        save_training(file_of_run(self.output, CHECKPOINT), state, self.stamp)
 
     def judge(
         self,
@@ -87,7 +88,7 @@ class Keeper:
             # First of all the checkpoint says so: a kill between the two loses nothing.
             self.save_checkpoint(progress)
             self._write(weights, figures)
-        write_curves(curves_path(self.output), progress.history, self.trainee.best_by)
+        write_curves(file_of_run(self.output, CURVES), progress.history, self.trainee.best_by)
 
     def finish(self, progress: Progress) -> None:
         """Write the best weights of a finished run, if a kill kept them from being written."""

@@ -167,15 +167,14 @@ def _waited_for(
 def prefetch(
     load: Callable[[Item], Result],
     items: Iterable[Item],
-    depth: int = 2,
     is_stopped: Callable[[], bool] = lambda: False,
 ) -> Iterator[Result]:
-    """Yield `load(item)` for each item, `depth` of them loaded ahead in a thread.
+    """Yield `load(item)` for each item, two of them loaded ahead in a thread.
 
     An exception of `load` is raised where its result was due. Ends early if `is_stopped` while a
     result is waited for.
     """
-    ready: queue.Queue[Result | BaseException | None] = queue.Queue(depth)
+    ready: queue.Queue[Result | BaseException | None] = queue.Queue(2)
     stopped = threading.Event()
 
     def work() -> None:

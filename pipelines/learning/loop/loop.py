@@ -21,17 +21,17 @@ from pipelines.configs import (
     TrainCriticConfig,
 )
 from pipelines.errors import ValueRangeError
-from pipelines.learning.loop.draws import generator
 from pipelines.learning.loop.faults import describe_losses, save_fault
 from pipelines.learning.loop.keeping import Keeper
 from pipelines.learning.loop.loaders import load_ahead
 from pipelines.learning.loop.runs import (
+    CHECKPOINT,
+    FAULT,
+    LOGS,
     Progress,
     RunRequest,
-    checkpoint_path,
     describe,
-    fault_path,
-    log_folder,
+    file_of_run,
 )
 from pipelines.learning.loop.trainee import Items, Trainee
 from pipelines.learning.progress.display import Display
@@ -43,7 +43,7 @@ from pipelines.learning.speed.gradients import (
     intra_op_threads,
 )
 from pipelines.learning.speed.processes import Processes
-from pipelines.learning.speed.shares import cut
+from pipelines.learning.speed.shares import cut, generator
 from pipelines.learning.speed.weight_average import WeightAverage
 from pipelines.runtime.batch import StageReport
 from pipelines.runtime.stopping import Reason, StopSignals, TrainingStopped
@@ -127,7 +127,7 @@ class TrainingRun:
             raise TrainingStopped(
                 reason,
                 f"after {self.progress.total_steps} steps; "
-                f"{checkpoint_path(self.output)} holds them, --resume goes on",
+                f"{file_of_run(self.output, CHECKPOINT)} holds them, --resume goes on",
             )
         return self.progress
 
@@ -139,7 +139,7 @@ class TrainingRun:
         # What an earlier run told of later steps, or of all if this one starts anew, is void.
         purge = self.progress.total_steps
         writer: SummaryWriter = stack.enter_context(
-            SummaryWriter(str(log_folder(self.output)), purge_step=purge)
+            SummaryWriter(str(file_of_run(self.output, LOGS)), purge_step=purge)
         )
         return writer
 
@@ -206,7 +206,7 @@ class TrainingRun:
     def _give_up(self, workers: GradientWorkers, loaded: Sequence[Loaded], losses: Losses) -> None:
         """Keep the micro-batch that is at fault and say where it is."""
         place = (self.request.seed, self.progress.epoch, self.progress.step)
-        fault, path = workers.find_fault(loaded, place), fault_path(self.output)
+        fault, path = workers.find_fault(loaded, place), file_of_run(self.output, FAULT)
         number = fault[0].number if fault else -1
         last = self.processes.most(number)  # of the processes that found one, one keeps it
         if fault is not None and number == last:

@@ -1,7 +1,7 @@
 """A requested training, the files it owns, and the progress of an earlier run."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +9,10 @@ from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.learning.loop.history import History
 from pipelines.storage.checkpoints import load_training
 from pipelines.storage.provenance import COMPARED, Stamp, read_stamp
+
+# What a run owns beside its output.
+CHECKPOINT, CURVES, LOGS = "checkpoint.safetensors", "curves.png", "logs"
+FAULT = "fault.safetensors"  # the batch without a finite loss
 
 
 @dataclass(frozen=True)
@@ -52,32 +56,13 @@ class Progress:
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> "Progress":
-        """Return what `as_json` gave."""
+        """Return what `dataclasses.asdict` made a JSON object of."""
         return cls(**{**content, "history": History(**content.get("history", {}))})
 
-    def as_json(self) -> dict[str, Any]:
-        """Return it as a JSON object."""
-        return asdict(self)
 
-
-def checkpoint_path(output: Path) -> Path:
-    """Return the path of the checkpoint of the run that writes `output`."""
-    return output.with_name(f"{output.stem}.checkpoint.safetensors")
-
-
-def fault_path(output: Path) -> Path:
-    """Return the path of the batch without a finite loss, of the run that writes `output`."""
-    return output.with_name(f"{output.stem}.fault.safetensors")
-
-
-def curves_path(output: Path) -> Path:
-    """Return the path of the picture of the curves, of the run that writes `output`."""
-    return output.with_name(f"{output.stem}.curves.png")
-
-
-def log_folder(output: Path) -> Path:
-    """Return the folder of the TensorBoard scalars, of the run that writes `output`."""
-    return output.with_name(f"{output.stem}.logs")
+def file_of_run(output: Path, kind: str) -> Path:
+    """Return the path of a file, or the `LOGS`, of the run that writes `output`."""
+    return output.with_name(f"{output.stem}.{kind}")
 
 
 def find_progress(output: Path, stamp: Stamp, request: RunRequest) -> Progress | None:
@@ -90,7 +75,7 @@ def find_progress(output: Path, stamp: Stamp, request: RunRequest) -> Progress |
     """
     if output.suffix != ".safetensors":
         raise ValueRangeError("--out", output, "NAME.safetensors")
-    checkpoint = checkpoint_path(output)
+    checkpoint = file_of_run(output, CHECKPOINT)
     if request.overwrite or not (checkpoint.exists() or output.exists()):
         return None
     if not checkpoint.exists():

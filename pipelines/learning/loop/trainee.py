@@ -33,26 +33,20 @@ class Trainee(Protocol):
     @property
     def module(self) -> nn.Module:
         """The module to train."""
-        ...
 
     def epoch(self, number: int, rng: np.random.Generator) -> Sequence[Items]:
         """Return the items of each batch of epoch `number`, light descriptions of what to load."""
-        ...
 
     def load(self, items: Items, generators: Sequence[np.random.Generator]) -> MicroBatch:
         """Return the micro-batch of `items`, each drawing from its own generator."""
-        ...
 
     def loss(
         self, module: nn.Module, micro_batch: MicroBatch, generator: torch.Generator
     ) -> Mapping[str, Tensor]:
         """Return scalar loss terms by name, of a copy of `self.module`; `total` is minimised."""
-        ...
 
     def tensors(self, micro_batch: MicroBatch) -> dict[str, Tensor]:
         """Return a micro-batch as named tensors, to be written to a file."""
-        ...
 
     def validate(self) -> dict[str, float]:
         """Return validation figures by name, of the module's present weights."""
-        ...

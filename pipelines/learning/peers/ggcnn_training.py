@@ -17,9 +17,8 @@ from pipelines.grasping.peers.grasp_maps import MAP_SIDE, GraspMaps, scaled_rows
 from pipelines.grasping.peers.rectangles import on_their_object
 from pipelines.learning.peers.peer import Arrays, Drawn, Peer, PeerTraining, mean_figures
 from pipelines.network.peers.ggcnn import GGCNN, MAPS
-from pipelines.network.peers.ggcnn_input import normalised
+from pipelines.network.peers.ggcnn_input import normalised, whole_depth
 from pipelines.tabletop.depth_channels import find_plane, shrink
-from pipelines.tabletop.whole_depth import whole_depth
 
 STORED_SIDE = 480  # pixels, most of the shorter side of a frame that is kept
 DEPTH_UNITS = 10_000.0  # per metre

@@ -19,10 +19,9 @@ from typing import Self
 import torch
 from torch import Tensor, nn
 
-from pipelines.learning.loop.draws import generator
 from pipelines.learning.loop.trainee import MicroBatch, Trainee
 from pipelines.learning.speed.processes import Processes
-from pipelines.learning.speed.shares import Piece
+from pipelines.learning.speed.shares import Piece, generator
 
 Gradients = list[Tensor]
 Losses = dict[str, float]

@@ -10,9 +10,10 @@ import numpy as np
 
 from pipelines.configs import FinetuneDetectorConfig, TrainBaselineConfig, TrainConfig
 from pipelines.errors import ValueRangeError
-from pipelines.learning.loop.draws import generator
 from pipelines.learning.loop.trainee import Items, MicroBatch, Trainee
 from pipelines.learning.speed.processes import Processes
+
+TRAINING = 1_000_003  # keeps trainings apart from datasets that draw from the same seed
 
 
 @dataclass(frozen=True)
@@ -74,3 +75,13 @@ def micro_batch_size(
             f"a multiple of the {processes.count} processes; change --batch-size or --micro-batch",
         )
     return size
+
+
+def generator(seed: int, *place: int) -> np.random.Generator:
+    """Return the generator of one place of a training, `place` counted from 0.
+
+    It depends on the seed and on epoch, step and item alone: a training that is resumed, of several
+    processes, or of other micro-batches draws the same numbers.
+    """
+    # A spawn key, unlike a longer seed, distinguishes (1,) from (1, 0).
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(TRAINING, *place)))

@@ -1,4 +1,4 @@
-"""DetectedSymmetries of spheres: a ball by its radius, a hollow ball by its axes.
+"""Symmetries of spheres: a ball by its radius, a hollow ball by its axes.
 
 The two skins of a hollow ball have no common radius; but an object that is symmetric about two
 continuous axes is symmetric about every axis through their intersection.
@@ -12,12 +12,10 @@ from pipelines.geometry.symmetry import SphereSymmetry
 from pipelines.geometry.transforms import unit
 from pipelines.mesh_symmetry.detection.symmetry_refinement import robust_sphere
 from pipelines.mesh_symmetry.detection.symmetry_search import UnitSurface, continuous_fit
-from pipelines.mesh_symmetry.symmetry_verification import (
-    SUPPORT_COSINE,
-    Samples,
-    is_sphere,
-    surrounds,
-)
+from pipelines.mesh_symmetry.symmetry_verification import SUPPORT_COSINE, Samples
+
+MAX_MEAN, MAX_P95 = 0.01, 0.025  # of the diameter, between samples and a ball
+MAX_OFFCENTER, MIN_SPREAD = 0.2, 0.2  # exclude caps
 
 
 def sphere_of(shape: UnitSurface, config: AnnotateSymmetryConfig) -> SphereSymmetry | None:
@@ -28,9 +26,10 @@ def sphere_of(shape: UnitSurface, config: AnnotateSymmetryConfig) -> SphereSymme
 def _ball(shape: UnitSurface) -> SphereSymmetry | None:
     points = shape.samples.points
     center, radius = robust_sphere(points)
-    if not is_sphere(points, center, radius):
-        return None
     gap = np.abs(np.linalg.norm(points - center, axis=1) - radius)
+    near = gap.mean() <= MAX_MEAN and np.percentile(gap, 95.0) <= MAX_P95
+    if not (near and _surrounds(points, center)):
+        return None
     return SphereSymmetry(shape.to_mesh(center), float(gap.mean() / (2.0 * radius)))
 
 
@@ -61,4 +60,13 @@ def _looks_radial(shape: UnitSurface, center: Array, config: AnnotateSymmetryCon
     radial = np.einsum("nd,nd->n", samples.normals, unit(samples.points - center))
     share = float(np.mean(np.abs(radial) > SUPPORT_COSINE))
     enough = config.min_agreement * shape.surface.agreement
-    return share >= enough and surrounds(samples.points, center)
+    return share >= enough and _surrounds(samples.points, center)
+
+
+def _surrounds(points: Array, center: Array) -> bool:
+    """Return whether `points` (n, 3) lie on all sides of `center` (3,)."""
+    arm = points - center
+    directions = arm / np.maximum(np.linalg.norm(arm, axis=1), 1e-9)[:, None]
+    spread = np.linalg.eigvalsh(directions.T @ directions / len(points))
+    offcenter = np.linalg.norm(directions.mean(axis=0))
+    return bool(offcenter <= MAX_OFFCENTER and spread[0] >= MIN_SPREAD)

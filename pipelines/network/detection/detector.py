@@ -18,13 +18,14 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.pointcloud import Plane
 from pipelines.network.cpu.folding import folded
 from pipelines.network.cpu.roi_align import ChannelsLastRoIAlign
-from pipelines.network.detection.detector_input import detector_image
 from pipelines.network.detection.mask_rcnn import build_detector
 from pipelines.network.devices import find_device
 from pipelines.network.weights_files import fill, read_weights
-from pipelines.tabletop.depth_channels import SmallFrame, find_plane, shrink
+from pipelines.tabletop.depth_channels import SmallFrame, depth_channels, find_plane, shrink
 
 MODEL_NAME = "RegionDetector"
+COLOR_MEAN = (0.485, 0.456, 0.406)  # ImageNet's, which COCO weights were trained with
+COLOR_STD = (0.229, 0.224, 0.225)
 
 
 @dataclass(frozen=True)
@@ -144,3 +145,17 @@ def draw_mask(soft: Singles, box: Array, size: tuple[int, int], threshold: float
     )
     mask[y0:y1, x0:x1] = values >= threshold
     return mask
+
+
+def detector_image(frame: SmallFrame, plane: Plane, kind: str) -> Tensor:
+    """Return the input (C, h, w) float32: colour, geometry, or colour and then geometry (D. 19).
+
+    `kind`: geometry, color or both. `plane`: the support plane, camera frame.
+    """
+    parts: list[Singles] = []
+    if kind in {"color", "both"}:
+        normalised = (frame.color / 255.0 - np.array(COLOR_MEAN)) / np.array(COLOR_STD)
+        parts.append(np.ascontiguousarray(np.moveaxis(normalised, -1, 0), np.float32))
+    if kind in {"geometry", "both"}:
+        parts.append(depth_channels(frame.depth, frame.intrinsics, plane))
+    return torch.from_numpy(parts[0] if len(parts) == 1 else np.concatenate(parts))

@@ -5,7 +5,7 @@ from typing import Any
 
 import torch
 from torch import Tensor, nn
-from torchvision.models.detection import MaskRCNN, maskrcnn_resnet50_fpn
+from torchvision.models.detection import FasterRCNN, MaskRCNN, maskrcnn_resnet50_fpn
 from torchvision.models.detection.anchor_utils import AnchorGenerator
 from torchvision.models.detection.faster_rcnn import FastRCNNPredictor
 from torchvision.models.detection.image_list import ImageList
@@ -112,11 +112,16 @@ def build_detector(config: DetectorConfig) -> MaskRCNN:
     if config.variant not in builders:
         raise UnknownNameError("detector variant", config.variant, builders)
     model: MaskRCNN = builders[config.variant](NUM_CHANNELS[config.input], config)
-    model.transform = PreparedImages()
-    rpn, roi = model.rpn.fg_bg_sampler, model.roi_heads.fg_bg_sampler
-    model.rpn.fg_bg_sampler = SeededSampler(rpn.batch_size_per_image, rpn.positive_fraction)
-    model.roi_heads.fg_bg_sampler = SeededSampler(roi.batch_size_per_image, roi.positive_fraction)
+    adapt(model)
     return model
+
+
+def adapt(model: FasterRCNN) -> None:
+    """Let a network of torchvision's take images as they come, and draw by `SeededSampler`."""
+    model.transform = PreparedImages()
+    for part in (model.rpn, model.roi_heads):
+        given = part.fg_bg_sampler
+        part.fg_bg_sampler = SeededSampler(given.batch_size_per_image, given.positive_fraction)
 
 
 def seed_samplers(model: MaskRCNN, generator: torch.Generator) -> None:
@@ -149,32 +154,24 @@ def _light(in_channels: int, config: DetectorConfig) -> MaskRCNN:
         rpn_post_nms_top_n_test=60,
         rpn_batch_size_per_image=128,
         box_roi_pool=MultiScaleRoIAlign(names, output_size=7, sampling_ratio=2),
-        box_head=_BoxHead(LIGHT_WIDTH * 7 * 7, LIGHT_HIDDEN),
+        box_head=light_box_head(LIGHT_WIDTH * 7 * 7, LIGHT_HIDDEN),
         box_predictor=FastRCNNPredictor(LIGHT_HIDDEN, NUM_CLASSES),
         box_batch_size_per_image=96,
         mask_roi_pool=MultiScaleRoIAlign(names, output_size=14, sampling_ratio=2),
         mask_head=MaskRCNNHeads(LIGHT_WIDTH, (LIGHT_WIDTH,) * 3, 1),
-        mask_predictor=_MaskPredictor(LIGHT_WIDTH),
+        mask_predictor=nn.Sequential(
+            nn.ConvTranspose2d(LIGHT_WIDTH, LIGHT_WIDTH, 2, 2),
+            nn.ReLU(),
+            nn.Conv2d(LIGHT_WIDTH, NUM_CLASSES, 1),
+        ),
         **_limits(config),
     )
 
 
-class _BoxHead(nn.Sequential):
-    def __init__(self, in_dim: int, hidden: int) -> None:
-        super().__init__(
-            nn.Flatten(1),
-            nn.Linear(in_dim, hidden),
-            nn.ReLU(),
-            nn.Linear(hidden, hidden),
-            nn.ReLU(),
-        )
-
-
-class _MaskPredictor(nn.Sequential):
-    def __init__(self, width: int) -> None:
-        super().__init__(
-            nn.ConvTranspose2d(width, width, 2, 2), nn.ReLU(), nn.Conv2d(width, NUM_CLASSES, 1)
-        )
+def light_box_head(in_dim: int, hidden: int) -> nn.Sequential:
+    """Return the layers of pooled boxes, `in_dim` numbers to `hidden`."""
+    first, second = nn.Linear(in_dim, hidden), nn.Linear(hidden, hidden)
+    return nn.Sequential(nn.Flatten(1), first, nn.ReLU(), second, nn.ReLU())
 
 
 def _resnet50(in_channels: int, config: DetectorConfig) -> MaskRCNN:

@@ -16,7 +16,7 @@ from torchvision.ops import MultiScaleRoIAlign
 
 from pipelines.configs.peers import PeerNetworkConfig
 from pipelines.network.detection.backbone import LightBackbone
-from pipelines.network.detection.mask_rcnn import PreparedImages, SeededSampler
+from pipelines.network.detection.mask_rcnn import ANCHOR_SIZES, adapt, light_box_head
 
 ORIENTATIONS = 20  # outputs: no grasp, and 19 orientations, of which the last is the first again
 RGD = 3  # channels
@@ -32,32 +32,22 @@ LIGHT_CHANNELS, LIGHT_HEAD = 64, 256
 def build_multi_grasp(config: PeerNetworkConfig) -> FasterRCNN:
     """Return an untrained network; it takes lists of RGD images (3, h, w), as `rgd_image` makes."""
     model = {"light": _light, "full": _full}[config.variant]()
-    model.transform = PreparedImages()
-    for part in (model.rpn, model.roi_heads):
-        given = part.fg_bg_sampler
-        part.fg_bg_sampler = SeededSampler(given.batch_size_per_image, given.positive_fraction)
+    adapt(model)
     return model
 
 
 def _light() -> FasterRCNN:
     names = ["0", "1", "2", "3"]
-    sizes = ((16,), (32,), (64,), (128,), (192,))
     return FasterRCNN(
         LightBackbone(RGD, LIGHT_CHANNELS),
-        rpn_anchor_generator=AnchorGenerator(sizes, (RATIOS,) * len(sizes)),
+        rpn_anchor_generator=AnchorGenerator(ANCHOR_SIZES, (RATIOS,) * len(ANCHOR_SIZES)),
         rpn_pre_nms_top_n_train=1000,
         rpn_pre_nms_top_n_test=1000,
         rpn_post_nms_top_n_train=400,
         rpn_post_nms_top_n_test=300,
         rpn_batch_size_per_image=128,
         box_roi_pool=MultiScaleRoIAlign(names, output_size=7, sampling_ratio=2),
-        box_head=nn.Sequential(
-            nn.Flatten(1),
-            nn.Linear(LIGHT_CHANNELS * 7 * 7, LIGHT_HEAD),
-            nn.ReLU(),
-            nn.Linear(LIGHT_HEAD, LIGHT_HEAD),
-            nn.ReLU(),
-        ),
+        box_head=light_box_head(LIGHT_CHANNELS * 7 * 7, LIGHT_HEAD),
         box_predictor=FastRCNNPredictor(LIGHT_HEAD, ORIENTATIONS),
         box_batch_size_per_image=96,
         box_score_thresh=MIN_SCORE,

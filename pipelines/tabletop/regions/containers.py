@@ -16,7 +16,7 @@ from pipelines.array_types import Array, Mask
 from pipelines.geometry.numerics.quantiles import median, quantiles
 from pipelines.geometry.transforms import cross, unit
 from pipelines.tabletop.depth_segments import Labels
-from pipelines.tabletop.regions.pieces import Box
+from pipelines.tabletop.regions.pieces import Box, box_of
 from pipelines.tabletop.regions.things import Things
 
 RIM = 0.012  # metres below the highest points that count as one rim
@@ -52,10 +52,7 @@ def insides(labels: Labels, things: Things) -> dict[int, int]:
         for inside in np.flatnonzero(touched >= MIN_RIM).tolist():
             if inside == 0 or inside in found or inside in found.values():
                 continue
-            x, y, width, height = cv2.boundingRect(
-                ((labels == outside) | (labels == inside)).view(np.uint8)
-            )
-            both = slice(y, y + height), slice(x, x + width)
+            both = box_of((labels == outside) | (labels == inside))
             cut, xyz = labels[both], things.xyz[both]
             pair = _Pair(cut == outside, cut == inside, plane.height(xyz), xyz)
             if pair.is_container(plane.normal):

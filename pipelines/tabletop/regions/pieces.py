@@ -2,9 +2,10 @@
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
-from pipelines.array_types import Array, Indices
+from pipelines.array_types import Array, Indices, Mask
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.tabletop.depth_segments import Labels
 
@@ -33,6 +34,12 @@ def pieces_of_labels(labels: Labels, xyz: Array, min_pixels: int) -> list[Labell
             LabelledPiece(int(label), pixels, xyz.reshape(-1, 3).take(pixels, axis=0), box)
         )
     return found
+
+
+def box_of(mask: Mask) -> Box:
+    """Return the rows and columns that `mask` (H, W) spans; empty slices of none."""
+    x, y, width, height = cv2.boundingRect(mask.view(np.uint8))
+    return slice(y, y + height), slice(x, x + width)
 
 
 @compiled

@@ -13,7 +13,7 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.numerics.quantiles import median, quantiles
 from pipelines.geometry.pointcloud import Plane
 from pipelines.tabletop.depth_segments import Labels, extent
-from pipelines.tabletop.regions.pieces import Box, LabelledPiece, pieces_of_labels
+from pipelines.tabletop.regions.pieces import Box, LabelledPiece, box_of, pieces_of_labels
 from pipelines.tabletop.tabletop import Tabletop
 
 FOOT = 6  # pixels below and above a piece where a nearer piece, or missing depth, may hide its foot
@@ -40,7 +40,7 @@ def standing(
     plane = top.plane
     if plane is None:
         return result
-    measured = _box_of(np.isfinite(xyz[..., 2]))
+    measured = box_of(np.isfinite(xyz[..., 2]))
     pieces, hanging = pieces_of_labels(whole, xyz, config.min_pixels), list[LabelledPiece]()
     for piece in pieces:
         if quantiles(plane.height(piece.points), 0.02) < config.max_floating:
@@ -55,12 +55,6 @@ def standing(
         if result[piece.label] and extent(piece.points) > config.max_cut_extent:
             result[piece.label] = not any(_carries(piece, each, plane) for each in hanging)
     return result
-
-
-def _box_of(mask: Mask) -> Box:
-    """Return the rows and columns in which `mask` (H, W) is true."""
-    x, y, width, height = cv2.boundingRect(mask.view(np.uint8))
-    return slice(y, y + height), slice(x, x + width)
 
 
 def _reaches_out(box: Box, measured: Box) -> bool:

@@ -11,9 +11,9 @@ from pipelines.dataset.graspnet.signed_distance import read_sdf, write_sdf
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.meshes.signed_distance import (
     NARROW_BAND,
-    closest_points,
     signed_distance_grid,
 )
+from tests.geometry.meshes.closest import closest_points
 
 SIZE = np.array([0.06, 0.04, 0.1])
 

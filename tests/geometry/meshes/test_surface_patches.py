@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
-from pipelines.geometry.meshes.signed_distance import closest_points
 from pipelines.geometry.meshes.surface_patches import SurfacePatches, meet_boxes
 from pipelines.geometry.transforms import make_pose, random_rotation
+from tests.geometry.meshes.closest import closest_points
 from tests.synthesis.naive_labels import meets
 
 seeds = st.integers(0, 2**32 - 1)

@@ -9,7 +9,7 @@ from pipelines.configs import SelectionConfig
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.candidates import height_map, planar
 from pipelines.grasping.feasibility.feasibility import Feasibility
-from pipelines.grasping.planner import Planar, RegionModel, RegionPlanner
+from pipelines.grasping.planner import RegionModel, RegionPlanner, planar_pass
 from pipelines.grasping.scene import RegionCloud
 from tests.geometry.tabletops import Box, Can, render
 from tests.grasping.seen_regions import scene_of, seen
@@ -47,7 +47,7 @@ def test_a_flat_top_seen_from_straight_above_can_be_held_at_sides_that_show_nowh
     depth = depth + noise * np.random.default_rng(0).normal(size=depth.shape)
     scene = scene_of(depth, pose)
     region = RegionModel(RegionCloud.from_mask(index == 0, scene))
-    found = RegionPlanner(GRIPPER, CONFIG).plan(region, scene, (Planar(),))
+    found = RegionPlanner(GRIPPER, CONFIG).plan(region, scene, (planar_pass(),))
     assert len(found)
     np.testing.assert_allclose(found.grasps.width[0], 0.05, atol=0.006)
     assert (found.grasps.translation[:, 2] + GRIPPER.tip_reach < 0.7).all()  # above the table

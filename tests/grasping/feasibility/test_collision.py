@@ -15,9 +15,10 @@ from pipelines.geometry.transforms import (
 )
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.feasibility.collision import (
-    BodyTest,
     Obstacles,
+    bodies_meet,
     clearance,
+    first_free,
     lowest_height,
 )
 from pipelines.grasping.grasps import GraspPoses
@@ -61,7 +62,8 @@ def naive_enclosed(grasps, index, scene):
 def test_grasps_collide_and_enclose_as_a_loop_finds(seed, count, allowed):
     rng = np.random.default_rng(seed)
     grasps, scene = random_grasps(rng, 15), random_scene(rng, count)
-    met, enclosed = BodyTest(0.001, allowed).collides(grasps, GRIPPER, scene)
+    config = FeasibilityConfig(body_margin=0.001, max_points_inside=allowed)
+    met, enclosed = bodies_meet(grasps, GRIPPER, scene, config)
     for index in range(len(grasps)):
         expected = naive_inside(grasps, index, scene, 0.001) > allowed
         assert met[index] == expected
@@ -75,12 +77,10 @@ def test_the_first_free_grasps_collide_with_nothing_and_enclose_something(seed, 
     rng, config = np.random.default_rng(seed), FeasibilityConfig()
     grasps, scene = random_grasps(rng, 30)[np.arange(count) % 30], random_scene(rng, 20)
     stability = np.sort(np.round(rng.random(count), 1))[::-1].copy()
-    test = BodyTest(config.body_margin, config.max_points_inside)
-    met, enclosed = test.collides(grasps, GRIPPER, scene)
+    met, enclosed = bodies_meet(grasps, GRIPPER, scene, config)
     expected = np.flatnonzero(~met & (enclosed >= config.min_enclosed))
     expected = expected[stability[expected] >= share * stability[expected].max(initial=0.0)][:most]
-    wanted = config.min_enclosed, share, most
-    found, height = test.first_free(grasps, GRIPPER, scene, stability, wanted)
+    found, height = first_free(grasps, GRIPPER, scene, config, stability, (share, most))
     np.testing.assert_array_equal(found, expected)
     np.testing.assert_array_equal(height, enclosed[expected])
 
@@ -92,8 +92,9 @@ def test_moving_gripper_and_scene_together_changes_nothing(seed):
     grasps, scene = random_grasps(rng, 40), random_scene(rng)
     T = make_pose(random_rotation(rng), rng.normal(size=3))
     moved = Obstacles(transform_points(T, scene.points), scene.count)
-    here, _ = BodyTest(0.001, 4).collides(grasps, GRIPPER, scene)
-    there, _ = BodyTest(0.001, 4).collides(grasps.transformed(T), GRIPPER, moved)
+    config = FeasibilityConfig(body_margin=0.001, max_points_inside=4)
+    here, _ = bodies_meet(grasps, GRIPPER, scene, config)
+    there, _ = bodies_meet(grasps.transformed(T), GRIPPER, moved, config)
     assert (here == there).mean() > 0.9  # a point on a box's face may flip
     found = clearance(grasps.transformed(T), GRIPPER, moved, 0.05)
     np.testing.assert_allclose(found, clearance(grasps, GRIPPER, scene, 0.05), atol=1e-5)

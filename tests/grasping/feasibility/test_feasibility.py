@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pipelines.configs import FeasibilityConfig
 from pipelines.geometry.transforms import random_rotation
 from pipelines.grasp_files.gripper_files import load_gripper, preset_names
-from pipelines.grasping.feasibility.collision import BodyTest, Obstacles
+from pipelines.grasping.feasibility.collision import Obstacles, bodies_meet
 from pipelines.grasping.feasibility.feasibility import Feasibility
 from pipelines.grasping.feasibility.surroundings import Surroundings
 from pipelines.grasping.grasps import GraspPoses
@@ -20,7 +20,7 @@ from tests.geometry.tabletops import CAMERA
 CONFIG = FeasibilityConfig(max_points_inside=0)
 NOTHING = Obstacles(np.zeros((0, 3)), np.zeros(0, np.int64))
 STEPS = np.linspace(0.0, CONFIG.approach_distance, 26)
-ANY_POINT = BodyTest(CONFIG.body_margin, 0)
+ANY_POINT = replace(CONFIG, max_points_inside=0)
 
 
 def obstacle(*points):
@@ -47,7 +47,7 @@ def test_a_path_is_free_if_no_pose_along_it_meets_anything(seed, name):
     met = np.zeros(6, bool)
     for step in STEPS:
         pose = replace(grasps, translation=grasps.translation - step * grasps.approach)
-        met |= ANY_POINT.collides(pose, gripper, scene)[0]
+        met |= bodies_meet(pose, gripper, scene, ANY_POINT)[0]
     assert not free(grasps, scene, gripper=gripper)[met].any()
     # Nothing else is on the path: one is free if points come no nearer than between steps.
     slim = replace(CONFIG, body_margin=CONFIG.body_margin - 0.0011, approach_distance=0.098)
@@ -65,7 +65,7 @@ def test_an_obstacle_behind_the_gripper_counts_as_far_as_the_path_begins(place, 
     clouds = {"near": NOTHING, "far": NOTHING} | {place: obstacle([back - behind, 0, 0])}
     assert free(ALONG_X, clouds["near"], clouds["far"]).tolist() == [expected]
     point = obstacle([back - behind, 0, 0])
-    assert not ANY_POINT.collides(ALONG_X, gripper, point)[0].any()
+    assert not bodies_meet(ALONG_X, gripper, point, ANY_POINT)[0].any()
 
 
 def test_without_an_approach_distance_every_path_is_free():

@@ -12,7 +12,7 @@ from pipelines.geometry.transforms import random_rotation
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.feasibility.image_border import BACK, ImageBorder, measured_sides
 from pipelines.grasping.grasps import GraspPoses
-from pipelines.grasping.planner import Planar, RegionModel, RegionPlanner
+from pipelines.grasping.planner import RegionModel, RegionPlanner, planar_pass
 from pipelines.grasping.scene import RegionCloud
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
 from tests.grasping.seen_regions import scene_of
@@ -60,7 +60,7 @@ def test_no_finger_closes_where_the_image_cuts_an_object_off(side):
     depth, mask, camera = cut(whole, index, side)
     scene = scene_of(depth, POSE, camera)
     region = RegionModel(RegionCloud.from_mask(mask, scene))
-    found = RegionPlanner(GRIPPER, CONFIG).plan(region, scene, (Planar(),))
+    found = RegionPlanner(GRIPPER, CONFIG).plan(region, scene, (planar_pass(),))
     assert len(found)
     grasps = found.grasps
     points = CAMERA.backproject(whole)[index == 0]  # with those beyond the cut

@@ -42,10 +42,10 @@ def test_what_points_agree_on_is_given_back(noise):
 
 def test_confidence_is_the_probability_times_the_share_that_agrees():
     found = symmetries_by_offsets(perfect(), SCENE)
-    assert found.confidence[0] == pytest.approx(0.9, abs=0.05)
-    assert found.confidence[2] == pytest.approx(0.1, abs=0.01)
-    assert found.confidence[3] == pytest.approx(0.5, abs=0.05)
-    assert found.confidence[4] == pytest.approx(0.4)
+    assert found.existence[0] == pytest.approx(0.9, abs=0.05)
+    assert found.existence[2] == pytest.approx(0.1, abs=0.01)
+    assert found.existence[3] == pytest.approx(0.5, abs=0.05)
+    assert found.existence[4] == pytest.approx(0.4)
 
 
 def test_points_that_disagree_lend_no_confidence():
@@ -59,7 +59,7 @@ def test_points_that_disagree_lend_no_confidence():
         said.mode,
     )
     found = symmetries_by_offsets(wild, SCENE)
-    assert (found.confidence < 0.1).all()
+    assert (found.existence < 0.1).all()
     assert np.isfinite(found.point).all()
 
 
@@ -69,4 +69,4 @@ def test_a_plane_whose_images_would_be_seen_is_refuted():
     wrong = SymmetryOffsets(
         said.points, aside, said.mirrored, said.axis_foot, said.existence, said.mode
     )
-    assert symmetries_by_offsets(wrong, SCENE).confidence[0] < 0.5 * 0.9
+    assert symmetries_by_offsets(wrong, SCENE).existence[0] < 0.5 * 0.9

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from pipelines.configs import RankingConfig
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.ranked_grasps import RankedGrasps
-from pipelines.grasping.ranking.ranking import ByCritic, ByEq8, eq8_score, torque_arm
+from pipelines.grasping.ranking.grasp_features import GraspFeatures
+from pipelines.grasping.ranking.ranking import critic_score, eq8_score, seen_score, torque_arm
 from tests.grasping.ranking.test_grasp_features import KNOWN, hands
 
 CONFIG = RankingConfig()
@@ -36,7 +37,7 @@ def test_unseen_space_at_the_finger_tips_lowers_the_score():
     grasps = GraspPoses(np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 3)), np.full(2, 0.05))
     b, h = np.array([0.02, 0.05]), np.array([0.01, 0.03])
     found = RankedGrasps(grasps, b, np.zeros(2, int), np.array(["planar"] * 2), b, h, b)
-    seen, unseen = (ByEq8(CONFIG).score(found, b, np.full(2, share)) for share in (1.0, 0.0))
+    seen, unseen = (seen_score(found, np.full(2, share), CONFIG) for share in (1.0, 0.0))
     np.testing.assert_allclose(seen, eq8_score(b, h, CONFIG))
     np.testing.assert_allclose(unseen, (1.0 - CONFIG.weight_unseen) * seen)
 
@@ -59,18 +60,17 @@ def test_the_arm_is_the_horizontal_distance_of_the_weight_from_the_closing_line(
 
 
 def test_a_weight_at_half_torque_arm_halves_the_expected_quality():
-    class Even:
-        def expect(self, features):
-            return np.full(len(features.found), 0.8)
+    def even(features):
+        return np.full(len(features.found), 0.8)
 
     found = hands()
     aside = found.grasps.translation + 0.02 * found.grasps.binormal
     grasps = GraspPoses(found.grasps.rotation, aside, found.grasps.width)
     found = replace(found, grasps=grasps)
     arm = torque_arm(found.grasps, KNOWN.centre, KNOWN.up)[0]
+    features = GraspFeatures(found, np.ones(1), np.ones(1), KNOWN)
     for share, half in ((0.5, arm), (0.8, 2.0 * arm)):
-        ranking = ByCritic(replace(CONFIG, half_torque_arm=half), Even(), KNOWN)
-        score = ranking.score(found, np.ones(1), np.ones(1))
+        score = critic_score(features, even, replace(CONFIG, half_torque_arm=half))
         np.testing.assert_allclose(score, [0.8 * share])
 
 
@@ -78,7 +78,7 @@ def test_the_weight_is_expected_on_the_symmetries_by_the_confidence_in_them():
     middle, plane = KNOWN.region.middle, KNOWN.symmetries.symmetry(0)
 
     def off_plane(confidence):
-        symmetries = replace(KNOWN.symmetries, confidence=confidence * KNOWN.symmetries.confidence)
+        symmetries = replace(KNOWN.symmetries, existence=confidence * KNOWN.symmetries.existence)
         return (replace(KNOWN, symmetries=symmetries).centre - plane.point) @ plane.normal
 
     assert abs(off_plane(0.0)) > 0.01

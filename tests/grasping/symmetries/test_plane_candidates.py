@@ -12,6 +12,8 @@ from pipelines.geometry.transforms import transform_points as moved
 from pipelines.grasping.symmetries.plane_candidates import (
     FACE_ANGLE,
     FACE_TRIALS,
+    NETWORK,
+    SHAPE,
     candidate_planes,
     face_directions,
     half_between_ends,
@@ -20,7 +22,6 @@ from pipelines.grasping.symmetries.plane_candidates import (
     level_directions,
     merged_planes,
 )
-from pipelines.grasping.symmetries.sources import NETWORK, SHAPE
 
 UPRIGHT = RotationSymmetry([0, 0, 1], [9, 9, 9])
 NOTHING = SymmetrySlots(np.zeros(5), np.full((5, 3), 9.0), np.tile(unit([1.0, 2.0, 3.0]), (5, 1)))

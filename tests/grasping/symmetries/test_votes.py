@@ -31,11 +31,11 @@ def test_moving_the_predictions_moves_the_average(seed):
     rng = np.random.default_rng(seed)
     _, existence, point, direction = noisy_predictions(rng)
     T = make_pose(random_rotation(rng), rng.normal(size=3))
-    here = mean_slots(existence, point, direction).transformed(T)
+    here = mean_slots(existence, point, direction)
     there = mean_slots(existence, transform_points(T, point), rotate_vectors(T, direction))
-    cosine = np.einsum("ki,ki->k", here.direction[:4], there.direction[:4])
+    cosine = np.einsum("ki,ki->k", rotate_vectors(T, here.direction[:4]), there.direction[:4])
     np.testing.assert_allclose(np.abs(cosine), 1.0, atol=1e-9)
-    np.testing.assert_allclose(here.point, there.point, atol=1e-9)
+    np.testing.assert_allclose(transform_points(T, here.point), there.point, atol=1e-9)
     np.testing.assert_allclose(here.existence, there.existence)
 
 

@@ -26,7 +26,7 @@ class Fixed:
         self.found = GraspPoses(np.tile(np.eye(3), (count, 1, 1)), places, np.full(count, 0.05))
         self.score = np.array(scores, float)
 
-    def grasps(self, frame, scene, rng):
+    def __call__(self, frame, scene, rng):
         return self.found, self.score
 
 

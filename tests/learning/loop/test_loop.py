@@ -22,20 +22,20 @@ from torch import nn
 from pipelines.configs import TrainConfig
 from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.learning.loop import loop
-from pipelines.learning.loop.draws import generator
 from pipelines.learning.loop.faults import read_fault
 from pipelines.learning.loop.loop import TrainingRun
 from pipelines.learning.loop.runs import (
+    CHECKPOINT,
+    CURVES,
+    FAULT,
     Progress,
     RunRequest,
-    checkpoint_path,
-    curves_path,
-    fault_path,
+    file_of_run,
     find_progress,
 )
 from pipelines.learning.speed.gradients import GradientWorkers
 from pipelines.learning.speed.processes import Processes
-from pipelines.learning.speed.shares import cut
+from pipelines.learning.speed.shares import cut, generator
 from pipelines.runtime.stopping import Reason, StopSignals, TrainingStopped
 from pipelines.storage.checkpoints import load_weights
 from pipelines.storage.provenance import make_stamp
@@ -112,7 +112,7 @@ def stop_after(run, steps):
 def assert_same(first, second):
     """Hold the kept weights and all tensors of the checkpoints against each other, bit for bit."""
     assert first.read_bytes() == second.read_bytes()
-    one, other = (load_weights(checkpoint_path(each))[0] for each in (first, second))
+    one, other = (load_weights(file_of_run(each, CHECKPOINT))[0] for each in (first, second))
     assert one.keys() == other.keys()
     for name, tensor in one.items():
         assert torch.equal(tensor, other[name]), name
@@ -136,7 +136,7 @@ def test_a_resumed_run_ends_with_the_same_bytes_as_one_that_never_stopped(
     output = tmp_path / "line.safetensors"
     for count in steps:
         run = new_run(output, kind())
-        if checkpoint_path(output).exists():
+        if file_of_run(output, CHECKPOINT).exists():
             run.resume()
         stop_after(run, count)
         assert not run.run().finished
@@ -168,7 +168,7 @@ def test_a_run_killed_at_any_moment_and_resumed_gives_the_same_bytes(whole, mome
         output = Path(folder) / "line.safetensors"
         for number, moment in enumerate(moments):
             run = new_run(output, kind())
-            if checkpoint_path(output).exists():
+            if file_of_run(output, CHECKPOINT).exists():
                 run.resume()
             if number == 1:
                 stop_after(run, run.progress.total_steps + moment // 3)
@@ -292,7 +292,7 @@ def test_a_step_that_takes_long_is_abandoned_between_its_micro_batches(tmp_path,
 
 def test_weights_that_are_gone_are_written_again_from_the_checkpoint(tmp_path, whole):
     output = tmp_path / "line.safetensors"
-    for path in whole[Line], checkpoint_path(whole[Line]):
+    for path in whole[Line], file_of_run(whole[Line], CHECKPOINT):
         shutil.copy(path, tmp_path)
     output.unlink()
     earlier = find_progress(output, STAMP, RunRequest())
@@ -357,14 +357,14 @@ def test_a_time_limit_stops_cleanly_with_a_checkpoint(tmp_path):
     request = replace(REQUEST, max_seconds=0.0)
     _, progress = trained(tmp_path / "line.safetensors", request=request)
     assert not progress.finished
-    assert checkpoint_path(tmp_path / "line.safetensors").exists()
+    assert file_of_run(tmp_path / "line.safetensors", CHECKPOINT).exists()
 
 
 def test_a_loss_that_is_not_finite_stops_with_a_sentence_and_keeps_the_batch(tmp_path):
     output, trainee = tmp_path / "line.safetensors", Line(faulty_item=33)
     with pytest.raises(ValueRangeError, match=r"loss at epoch 1, step \d+ .* finite.*holds the"):
         trained(output, trainee=trainee)
-    fault = read_fault(fault_path(output))
+    fault = read_fault(file_of_run(output, FAULT))
     assert torch.isnan(fault.batch["x"]).sum() == 1
     assert fault.settings == {"a": 1}
     batches = Line().epoch(0, generator(0, 0))
@@ -389,7 +389,7 @@ def test_a_gradient_that_is_not_finite_stops_too(tmp_path):
 
     with pytest.raises(ValueRangeError, match="gradient nan"):
         trained(tmp_path / "line.safetensors", trainee=Steep())
-    assert fault_path(tmp_path / "line.safetensors").exists()
+    assert file_of_run(tmp_path / "line.safetensors", FAULT).exists()
 
 
 @pytest.mark.parametrize("size", [1, 2, 8])
@@ -454,7 +454,7 @@ def test_the_picture_of_a_resumed_run_is_that_of_a_whole_one(tmp_path, whole):
     stop_after(run, 20)  # the end of an epoch
     run.run()
     trained(output, resume=True)
-    assert curves_path(output).read_bytes() == curves_path(whole[Line]).read_bytes()
+    assert file_of_run(output, CURVES).read_bytes() == file_of_run(whole[Line], CURVES).read_bytes()
 
 
 def test_places_draw_apart():

@@ -14,7 +14,7 @@ from pipelines import train
 from pipelines.configs import TrainConfig
 from pipelines.ending import signal_handlers_kept
 from pipelines.errors import ValueRangeError
-from pipelines.learning.loop.runs import RunRequest, checkpoint_path
+from pipelines.learning.loop.runs import CHECKPOINT, RunRequest, file_of_run
 from pipelines.learning.speed.processes import Processes, process_group
 from pipelines.learning.speed.shares import cut, micro_batch_size
 from pipelines.storage.checkpoints import load_weights
@@ -63,7 +63,7 @@ def test_a_run_killed_in_mid_step_and_resumed_gives_the_same_bytes(packed, alone
     command = [sys.executable, *TOYS, packed, output, "--die-at", "6"]
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
     assert ended.returncode == -signal.SIGKILL
-    assert checkpoint_path(output).exists()
+    assert file_of_run(output, CHECKPOINT).exists()
     train.run(packed, None, output, CONFIG, replace(REQUEST, resume=True))
     assert output.read_bytes() == alone.read_bytes()
 

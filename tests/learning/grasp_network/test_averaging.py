@@ -2,7 +2,7 @@
 
 import torch
 
-from pipelines.network.averaging import average_symmetries, weighted_median
+from pipelines.learning.grasp_network.region_figures import average_symmetries, weighted_median
 from pipelines.network.model import Prediction
 
 

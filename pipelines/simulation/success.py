@@ -16,7 +16,7 @@ from pipelines.evaluation.trial_records import (
     friction_key,
 )
 from pipelines.geometry.symmetry import SYMMETRY_KINDS
-from pipelines.metrics.success_rate import SuccessRate
+from pipelines.metrics.success_rate import success_rate
 from pipelines.simulation.trial import TRIAL_OUTCOMES
 from pipelines.storage.files import write_json
 from pipelines.storage.provenance import Stamp
@@ -103,9 +103,7 @@ def _by_split(frames: Sequence[FrameTrials], row: str) -> dict[str, list[TrialRe
 
 
 def _rate(trials: Sequence[TrialRecord], key: str) -> dict[str, Any]:
-    rate = SuccessRate(len(trials), sum(t.outcomes[key].reason == HELD for t in trials))
-    low, high = rate.interval
-    return {"trials": rate.trials, "held": rate.held, "rate": rate.rate, "low": low, "high": high}
+    return success_rate(len(trials), sum(t.outcomes[key].reason == HELD for t in trials))
 
 
 def _rate_table(success: Mapping[str, Any], frictions: Sequence[str]) -> Table:

@@ -45,15 +45,11 @@ def compared_folders(report: Path) -> list[Path]:
     return [folder for folder in folders if folder.is_dir()]
 
 
-def read_run(path: Path, name: str, row: str, into: EvaluatedRun | None = None) -> EvaluatedRun:
+def read_run(path: Path, name: str, row: str) -> EvaluatedRun:
     """Read the records beside the report `path`, a scene at a time.
 
-    Args:
-        path: `report.json`, of a `grasps.h5` or of a dump by GraspNet's protocol; or
-            `success.json`.
-        name: of the run.
-        row: of the report. Rows of a dump are cameras; DEFAULT_ROW means all of them.
-        into: run of other frames that a report of `infer` is added to; None for a new one.
+    `path`: `report.json`, of a `grasps.h5` or of a dump by GraspNet's protocol; or `success.json`.
+    `row`: of the report. Rows of a dump are cameras; DEFAULT_ROW means all of them.
 
     Raises:
         MissingInputError: there are none.
@@ -68,7 +64,7 @@ def read_run(path: Path, name: str, row: str, into: EvaluatedRun | None = None) 
         raise UnknownNameError(f"row of {path}", row, report["rows"])
     folder = scenes_folder(path) if is_dump else records_folder(path)
     scenes = _scenes(folder, "npz" if is_dump else "json", "evaluate")
-    run = EvaluatedRun(name, report) if into is None else into
+    run = EvaluatedRun(name, report)
     if is_dump:
         _read_dump(run, path, scenes, "" if row == DEFAULT_ROW else row)
     else:

@@ -38,11 +38,8 @@ def app_of(
 ) -> "FastAPI":
     """Return the HTTP application.
 
-    Args:
-        detect: the regions and grasps of a frame, as `GraspDetector.frame_result` gives them.
-        gripper: that they are for.
-        config: limits, origin of poses.
-        camera_to_base: hand-eye calibration, for poses in the robot's base frame.
+    `detect`: the regions and grasps of a frame, as `GraspDetector.frame_result` gives them.
+    `camera_to_base`: hand-eye calibration, for poses in the robot's base frame.
 
     Raises:
         SymgraspError: the extra is not installed, or the calibration cannot be read.

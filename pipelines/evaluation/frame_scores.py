@@ -43,13 +43,7 @@ class RegionOwners:
 
 @dataclass(frozen=True)
 class RegionRow:
-    """One method on the regions of a frame.
-
-    Attributes:
-        predictions: its grasps and symmetries.
-        masks: (H, W) each, the regions.
-        owners: whose these are.
-    """
+    """One method on the regions of a frame, `masks` (H, W) each."""
 
     predictions: RowPredictions
     masks: list[Mask]

@@ -70,13 +70,8 @@ class RestedScene:
 class FrameSimulator:
     """Simulated trials of frames; each object is read once.
 
-    Attributes:
-        root: the dataset.
-        pieces: convex pieces of its models.
-        gripper: that closes.
-        config: the trial.
-        baselines: try those of `evaluation.baselines` too.
-        seed: of the baselines; `evaluate` with the same one scores the same grasps.
+    `baselines`: try those of `evaluation.baselines` too; `evaluate` with the same `seed` scores the
+    same grasps.
     """
 
     root: GraspNetRoot

@@ -112,9 +112,7 @@ def base_to_tool(tcp: str, model: Gripper) -> float:
 def pose_frame(camera_to_base: Path | None, frame_id: str) -> PoseFrame:
     """Return the camera's frame, or the robot's base frame of a hand-eye calibration.
 
-    Args:
-        camera_to_base: file of the calibration.
-        frame_id: name of the frame in ROS; empty for the one that the file names, or the usual.
+    `frame_id`: name of the frame in ROS; empty for the one that the file names, or the usual.
 
     Raises:
         FormatError: the file is no hand-eye calibration.

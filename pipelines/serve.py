@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from pipelines.configs import ExportConfig, ServeConfig
 from pipelines.ending import end_by_signal, set_farewell
 from pipelines.errors import SymgraspError
-from pipelines.grasp_files.exports.export_poses import ExportGripper, pose_frame
+from pipelines.grasp_files.exports.export_poses import ExportGripper, pose_frame, pose_origin
 from pipelines.grasp_files.exports.grasp_exports import FrameGrasps
 from pipelines.grasp_files.exports.grasp_json import frame_text
 from pipelines.grasp_files.grasps_tables import FrameResult
@@ -49,7 +49,8 @@ def app_of(
     except ImportError as error:
         raise SymgraspError('serve needs FastAPI: pip install "symgrasp[serve]"') from error
     frame = pose_frame(camera_to_base, ExportConfig.frame_id)
-    exported = ExportGripper.at(config.tcp, gripper, gripper.base_to_contacts, gripper.name)
+    behind, origin = pose_origin(config.tcp, gripper, gripper.base_to_contacts)
+    exported = ExportGripper(gripper, behind, gripper.name, origin=origin)
     facts: dict[str, Any] = {"gripper": exported.facts(), "axes": frame.axes}
     head = json.dumps(facts).removesuffix("}")
 

@@ -16,16 +16,15 @@ from pipelines.evaluation.paired_runs import MASKS, EvaluatedRun, RunPredictions
 from pipelines.evaluation.records import (
     FrameRecord,
     RowRecord,
+    number_key,
     read_frame_records,
     records_folder,
-    threshold_key,
 )
 from pipelines.evaluation.rows import OURS
 from pipelines.evaluation.trial_records import (
     HELD,
     FrameTrials,
     TrialRecord,
-    friction_key,
     read_trials,
     trials_folder,
 )
@@ -97,7 +96,7 @@ def _read_success(path: Path, name: str, row: str) -> EvaluatedRun:
         raise UnknownNameError(f"row of {path}", row, rows)
     run, stamp = EvaluatedRun(name, report), mapping_in(report, "provenance")
     with reading(path, "a friction", "numbers, as `simulate` writes them"):
-        metrics = [success_metric(friction_key(friction)) for friction in report["frictions"]]
+        metrics = [success_metric(number_key(friction)) for friction in report["frictions"]]
     for scene in _scenes(trials_folder(path), "json", "simulate"):
         _check_stamp(scene, path, stamp, COMPARED)
         with reading(scene, "a record", "run simulate again"):
@@ -195,5 +194,5 @@ def threshold_keys(dense: float, sphere: float) -> dict[str, str]:
 
     `dense`: of the dense symmetry error. `sphere`: metres.
     """
-    keys = [threshold_key(sphere if kind == "sphere" else dense) for kind in SYMMETRY_KINDS]
-    return dict(zip(PRECISIONS, (*keys, threshold_key(IOU_THRESHOLDS[0])), strict=True))
+    keys = [number_key(sphere if kind == "sphere" else dense) for kind in SYMMETRY_KINDS]
+    return dict(zip(PRECISIONS, (*keys, number_key(IOU_THRESHOLDS[0])), strict=True))

@@ -31,7 +31,7 @@ class TrialRecord:
 
     object_id: int
     kind: str  # symmetry of the true region that it is on: sphere, rotation, reflection or none
-    outcomes: dict[str, Outcome]  # by `friction_key`
+    outcomes: dict[str, Outcome]  # by `number_key`
 
 
 @dataclass(frozen=True)
@@ -48,11 +48,6 @@ class FrameTrials:
     def rows(self) -> dict[str, list[TrialRecord]]:
         """The trials by method, ours first."""
         return {OURS: self.trials, **self.baselines}
-
-
-def friction_key(friction: float) -> str:
-    """Return the name of a friction in JSON: 0.3 is "0.3"."""
-    return f"{friction:g}"
 
 
 def trials_folder(success: Path) -> Path:

@@ -24,17 +24,12 @@ def parse_workspace(text: str | None) -> tuple[tuple[float, ...], Path | None]:
     if path.is_file():
         return (), path
     try:
-        box = numbers_of(text)
+        box = tuple(float(part) for part in re.split(r"[,\s]+", text.strip()))
     except ValueError:
         raise ValueRangeError("--workspace", text, FORMS) from None
     if len(box) != 6:
         raise ValueRangeError("--workspace", text, FORMS)
     return box, None
-
-
-def numbers_of(text: str) -> tuple[float, ...]:
-    """Return the numbers of `text`, commas or spaces between them, or raise ValueError."""
-    return tuple(float(part) for part in re.split(r"[,\s]+", text.strip()))
 
 
 def read_workspace_mask(path: Path, shape: tuple[int, ...]) -> Mask:

@@ -40,12 +40,7 @@ def run(
 ) -> StageReport:
     """Write the frames of `frames`, a folder or one file of a frame, into the folder `output`.
 
-    Args:
-        frames: what to read.
-        output: the folder to write.
-        config: whether pickles are trusted.
-        stated: camera and unit of all frames, instead of what the files beside them say.
-        overwrite: replace an output that was made otherwise.
+    `stated`: camera and unit of all frames, instead of what the files beside them say.
 
     Raises:
         SymgraspError: no frames, or `output` is somebody else's folder or was made otherwise.

@@ -21,9 +21,7 @@ NETWORKS = {"torch", "torchvision"}
 def run(config: DoctorConfig, *, folder: Path | None = None) -> Iterator[Check]:
     """Yield what is found, one thing at a time; the last ones take seconds.
 
-    Args:
-        config: how much room is enough, and how close grasps must be to those expected.
-        folder: where results would go, for the room on its disk; the working folder if None.
+    `folder`: where results would go, for the room on its disk; the working folder if None.
     """
     needed = packages.required()
     yield packages.python_check()

@@ -60,18 +60,10 @@ def run(
 ) -> StageReport:
     """Evaluate `grasps` against `dataset` and write `output` and what lies beside it.
 
-    Args:
-        grasps: a `grasps.h5`.
-        dataset: root of the dataset that its frames are from.
-        output: `report.json`.
-        config: thresholds.
-        options: how the batch is run.
-        others: further `grasps.h5` of the same frames, a row of the report each.
-        baselines: also plan with ground truth, from the boundary, and at random.
-        success: each a `success.json` that `simulate` made of the grasps of a row, with the same
-            gripper and dataset.
-        tables: JSON files of further tables, shown as they are.
-        seed: of the baselines' random draws.
+    `others`: further `grasps.h5` of the same frames, a row of the report each. `baselines`: also
+    plan with ground truth, from the boundary, and at random by `seed`. `success`: each a
+    `success.json` that `simulate` made of the grasps of a row, with the same gripper and dataset.
+    `tables`: JSON files of further tables, shown as they are.
     """
     runs = ComparedRuns.of(grasps, others, dataset)
     config = replace(config, gripper=runs.gripper(config.gripper))

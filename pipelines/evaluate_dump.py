@@ -44,15 +44,7 @@ NAMED = 5  # frames of a scene that a sentence names
 def run(
     dump: Path, dataset: Path, output: Path, config: EvaluateDumpConfig, options: BatchOptions
 ) -> StageReport:
-    """Evaluate the dump against `dataset` and write `output` and what lies beside it.
-
-    Args:
-        dump: folder of `scene_NNNN/CAMERA/NNNN.npy`.
-        dataset: root of the dataset that its frames are from.
-        output: `report.json`.
-        config: exact or as the peer.
-        options: how the batch is run.
-    """
+    """Evaluate the dump against `dataset` and write `output` and what lies beside it."""
     root = GraspNetRoot.finished(dataset)
     items = _scene_items(dumped_scenes(dump), root, output, config)
     inputs = [item.stamp.inputs for item in items]

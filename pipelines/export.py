@@ -32,7 +32,12 @@ from pipelines.grasp_files.exports import (
     isaac_grasps,
     ros_grasps,
 )
-from pipelines.grasp_files.exports.export_poses import ExportGripper, PoseFrame, pose_frame
+from pipelines.grasp_files.exports.export_poses import (
+    ExportGripper,
+    PoseFrame,
+    pose_frame,
+    pose_origin,
+)
 from pipelines.grasp_files.exports.export_tally import ExportTally
 from pipelines.grasp_files.exports.grasp_exports import (
     LONGEST_PREFIX,
@@ -142,7 +147,8 @@ def _gripper(index: GraspsIndex, name_or_path: str, config: ExportConfig) -> Exp
         behind = contact_graspnet_predictions.BASE_TO_CONTACTS
     checked = mapping_in(index.stamp, "inputs").get("gripper")  # old files do not say
     alike = gripper_digest(name_or_path) == checked if checked else name_or_path == index.gripper
-    return ExportGripper.at(config.tcp, model, behind, index.gripper, is_the_one_checked=alike)
+    behind, origin = pose_origin(config.tcp, model, behind)
+    return ExportGripper(model, behind, index.gripper, alike, origin)
 
 
 def _stamp(

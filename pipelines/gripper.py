@@ -33,12 +33,7 @@ def run(
 ) -> StageReport:
     """Read a gripper, say what is odd about it, and write what is wanted of it.
 
-    Args:
-        source: URDF (`.urdf`, `.xml`), TOML file or preset.
-        config: what a URDF does not say.
-        output: TOML file to write.
-        picture: PNG to write.
-        overwrite: replace files that are there.
+    `source`: URDF (`.urdf`, `.xml`), TOML file or preset. `output`: TOML file. `picture`: PNG.
 
     Raises:
         SymgraspError: no gripper, or a file that is there.

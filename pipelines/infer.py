@@ -52,15 +52,8 @@ def run(
 ) -> StageReport:
     """Find grasps in all frames of `paths.frames`.
 
-    Args:
-        paths: what to read and write.
-        config: how.
-        options: workers, overwrite, dry run.
-        stated: camera and unit of all frames, instead of what the files beside them say.
-        seed: of everything that is drawn at random.
-        device: for the networks.
-        timings: write the seconds a frame took; the file then differs from run to run.
-        choice: which frames of the folder.
+    `stated`: camera and unit of all frames, instead of what the files beside them say. `timings`:
+    write the seconds a frame took; the file then differs from run to run.
 
     Raises:
         SymgraspError: no frames, unknown names, weights missing, or the output was made otherwise,

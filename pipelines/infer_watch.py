@@ -46,19 +46,10 @@ def run(
 ) -> StageReport:
     """Find grasps in the frames of `paths.frames` as they come, until SIGINT, SIGTERM or time-out.
 
-    Args:
-        paths: what to read and write.
-        config: how grasps are found.
-        options: whether to begin anew; the work is done in threads of this process.
-        watch: how long to wait for what.
-        notify: called with each frame that was worked on.
-        stated: camera and unit of all frames, instead of what the files beside them say.
-        seed: of everything that is drawn at random.
-        device: for the networks.
-        timings: write the seconds a frame took.
-        choice: which frames of the folder.
-        clock: the machine's, unless a test brings its own.
-        beside: where the output is put together; a thread, unless a test brings its own.
+    The work is done in threads of this process. `notify`: called with each frame that was worked
+    on. `stated`: camera and unit of all frames, instead of what the files beside them say. `clock`:
+    the machine's, and `beside`, where the output is put together, a thread, unless a test brings
+    its own.
 
     Raises:
         SymgraspError: no such folder, unknown names, weights missing, or the output was made

@@ -42,12 +42,9 @@ class FrameFacts:
 
 @dataclass(frozen=True)
 class Findings:
-    """What a folder holds.
+    """What a folder holds: numbers of frames by layout, and those that were read.
 
-    Attributes:
-        found: the number of frames of each layout.
-        groups: frames that were read, alike in layout, size, camera and unit.
-        report: names of frames that were read, and of those that cannot be.
+    `groups`: frames alike in layout, size, camera and unit.
     """
 
     found: Counter[str]
@@ -61,12 +58,9 @@ def run(
     *,
     stated: FrameOptions = NOTHING_STATED,
 ) -> Findings:
-    """Read frames of `frames`, evenly spread where there are many, and say what they are.
+    """Read frames of a folder or file, evenly spread where there are many; say what they are.
 
-    Args:
-        frames: a folder, or one file of a frame.
-        config: how many frames are read.
-        stated: camera and unit of all frames, instead of what the files beside them say.
+    `stated`: camera and unit of all frames, instead of what the files beside them say.
 
     Raises:
         SymgraspError: no frames.

@@ -134,9 +134,6 @@ def _run_step(
     return [source for source in sources if source.title not in part.failed]
 
 
-# --- which mesh is which object --------------------------------------------------------------
-
-
 def _sources(meshes: Path, output: Path) -> list[Source]:
     """Return the meshes to label with their ids; meshes of objects.json keep theirs."""
     if (meshes / "models").is_dir():
@@ -174,9 +171,6 @@ def _write_object_list(meshes: Path, output: Path, sources: Sequence[Source]) ->
     object_list.write(output / "objects.json", list(records.values()), stamp)
 
 
-# --- models ----------------------------------------------------------------------------------
-
-
 def _model_item(root: GraspNetRoot, source: Source, mesh_scale: float | None) -> WorkItem:
     # A missing mesh fails its own item, when it is read.
     inputs = {"mesh": digest_if_there(source.path)}
@@ -209,9 +203,6 @@ def _write_grid(item: WorkItem) -> None:
     grid = signed_distance_grid(read_solid_mesh(model))
     stamp_ahead(item.target, item.stamp)
     write_sdf(item.target, grid)
-
-
-# --- labels ----------------------------------------------------------------------------------
 
 
 def _label(

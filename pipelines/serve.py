@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from pipelines.configs import ExportConfig, ServeConfig
 from pipelines.ending import end_by_signal, set_farewell
 from pipelines.errors import SymgraspError
-from pipelines.grasp_files.exports.export_poses import ExportGripper, pose_frame
+from pipelines.grasp_files.exports.export_poses import ExportGripper, pose_frame, pose_origin
 from pipelines.grasp_files.exports.grasp_exports import FrameGrasps
 from pipelines.grasp_files.exports.grasp_json import frame_text
 from pipelines.grasp_files.grasps_tables import FrameResult
@@ -38,11 +38,8 @@ def app_of(
 ) -> "FastAPI":
     """Return the HTTP application.
 
-    Args:
-        detect: the regions and grasps of a frame, as `GraspDetector.frame_result` gives them.
-        gripper: that they are for.
-        config: limits, origin of poses.
-        camera_to_base: hand-eye calibration, for poses in the robot's base frame.
+    `detect`: the regions and grasps of a frame, as `GraspDetector.frame_result` gives them.
+    `camera_to_base`: hand-eye calibration, for poses in the robot's base frame.
 
     Raises:
         SymgraspError: the extra is not installed, or the calibration cannot be read.
@@ -52,7 +49,8 @@ def app_of(
     except ImportError as error:
         raise SymgraspError('serve needs FastAPI: pip install "symgrasp[serve]"') from error
     frame = pose_frame(camera_to_base, ExportConfig.frame_id)
-    exported = ExportGripper.at(config.tcp, gripper, gripper.base_to_contacts, gripper.name)
+    behind, origin = pose_origin(config.tcp, gripper, gripper.base_to_contacts)
+    exported = ExportGripper(gripper, behind, gripper.name, origin=origin)
     facts: dict[str, Any] = {"gripper": exported.facts(), "axes": frame.axes}
     head = json.dumps(facts).removesuffix("}")
 

@@ -59,15 +59,9 @@ def run(
 ) -> StageReport:
     """Try `grasps` in the scenes of `dataset`; write `output` and the folders beside it.
 
-    Args:
-        grasps: a `grasps.h5`.
-        dataset: root of the dataset of its frames.
-        output: `success.json`.
-        config: gripper, trial, criteria of success.
-        options: options of the batch.
-        others: further `grasps.h5` of the same frames, tried too.
-        baselines: also try grasps planned with ground truth, from the boundary, and at random.
-        seed: seed of coacd, which cuts models into convex pieces, and of the random baselines.
+    `others`: further `grasps.h5` of the same frames, tried too. `baselines`: also try grasps
+    planned with ground truth, from the boundary, and at random. `seed`: of coacd, which cuts models
+    into convex pieces, and of the random baselines.
 
     Raises:
         ValueRangeError: `output` does not end in .json.

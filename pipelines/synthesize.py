@@ -133,12 +133,8 @@ def _object_ids(config: SynthesizeConfig, num_models: int) -> dict[int, tuple[st
 class _Root:
     """What is to be made: the objects and scenes of a root, of a user's meshes where there are any.
 
-    Attributes:
-        files: the root.
-        config: of the stage.
-        seed: of all that is drawn.
-        ids: pool and place in the pool of each object, by its id.
-        sources: the user's meshes by their place; empty for procedural objects.
+    `ids`: pool and place in the pool of each object, by its id. `sources`: the user's meshes by
+    their place; empty for procedural objects.
     """
 
     files: GraspNetRoot

@@ -77,13 +77,7 @@ class ViewPaths:
 def run(
     paths: ViewPaths, config: ViewConfig, options: BatchOptions, *, rerun: bool = False
 ) -> StageReport:
-    """Make the pages of all frames of `paths.grasps`.
-
-    Args:
-        paths: what to read and write.
-        config: how.
-        options: workers, overwrite, dry run.
-        rerun: also write recordings for rerun's viewer.
+    """Make the pages of all frames of `paths.grasps`, with `rerun` recordings for its viewer too.
 
     Raises:
         SymgraspError: no such file or frames, rerun is not installed, or the output is another's.

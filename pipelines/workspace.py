@@ -38,12 +38,7 @@ GEOMETRIC = InferConfig(regions="geometric")
 
 @dataclass
 class Workspaces:
-    """Boxes of frames.
-
-    Attributes:
-        report: frames that were drawn, with their options as notes, and those that failed.
-        boxes: of each frame.
-    """
+    """Boxes by frame; `report` has the options of each as notes."""
 
     report: StageReport = field(default_factory=lambda: StageReport(STAGE))
     boxes: dict[str, WorkspaceBox] = field(default_factory=dict)
@@ -67,14 +62,9 @@ def run(
     stated: FrameOptions = NOTHING_STATED,
     overwrite: bool = False,
 ) -> Workspaces:
-    """Draw workspaces of `frames` into the folder `output`.
+    """Draw workspaces of `frames`, a folder or one file of a frame, into the folder `output`.
 
-    Args:
-        frames: a folder, or one file of a frame.
-        output: the folder to write.
-        config: how many frames, the margin, or a box to draw instead of the suggested one.
-        stated: camera and unit of all frames, instead of what the files beside them say.
-        overwrite: replace an output that was made otherwise.
+    `stated`: camera and unit of all frames, instead of what the files beside them say.
 
     Raises:
         SymgraspError: no frames, none with a workspace, or `output` is somebody else's.

@@ -78,10 +78,8 @@ def regions_of(
 ) -> tuple[FoundRegion, ...]:
     """Return the regions of a frame.
 
-    Args:
-        table: of one frame.
-        size: width and height of the frame.
-        ids: (H, W) of the masks that the regions were made of; None if they were found.
+    `size`: its width and height. `ids`: (H, W) of the masks that the regions were made of; None if
+    they were found.
     """
     return tuple(_region(table, place, size, ids) for place in range(len(table)))
 

@@ -194,10 +194,7 @@ def ordered_grasps(
 ) -> Grasps:
     """Return the grasps of a frame in the order of `rank_in_frame`.
 
-    Args:
-        result: what was planned, region by region.
-        gripper: that it was planned for.
-        ids: (H, W) of the masks that the regions were made of, if they were.
+    `ids`: (H, W) of the masks that the regions were made of, if they were.
     """
     order = np.argsort(result.grasps.rank_in_frame)
     columns = {name: getattr(result.grasps, name)[order] for name in GRASP_COLUMNS}

@@ -159,12 +159,12 @@ def _with_workspace(
     """Return the settings with the box that `workspace` is, and the mask if it is one."""
     from pipelines.frames.workspace_files import parse_workspace
 
-    room = parse_workspace(workspace)
-    if room.box:
-        config = changed(config, {"limits.box": room.box}, option="--workspace")
+    box, mask = parse_workspace(workspace)
+    if box:
+        config = changed(config, {"limits.box": box}, option="--workspace")
     if workspace is None and not config.limits.box and config.limits.box_frame != DEFAULT_FRAME:
         raise typer.BadParameter("--workspace-frame goes with a box of --workspace")
-    return config, room.mask
+    return config, mask
 
 
 def _conclude(report: "StageReport", out: Path, overlays: Path | None) -> None:

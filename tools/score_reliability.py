@@ -25,7 +25,7 @@ from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
-from pipelines.metrics.success_rate import SuccessRate
+from pipelines.metrics.success_rate import success_rate
 from pipelines.simulation.frames import PiecesReader
 from pipelines.simulation.trial import Trial
 from pipelines.simulation.world import at_rest
@@ -86,10 +86,10 @@ def reliability_rows(tried: list[Tried]) -> list[str]:
         mine = places == place
         if not mine.any():
             continue
-        rate = SuccessRate(int(mine.sum()), int(held[mine].sum()))
-        low, high = rate.interval
+        rate = success_rate(int(mine.sum()), int(held[mine].sum()))
+        low, high = rate["low"], rate["high"]
         bounds = f"{place / BINS:.1f}-{(place + 1) / BINS:.1f}"
-        cells = bounds, mine.sum(), f"{scores[mine].mean():.2f}", f"{rate.rate:.2f}"
+        cells = bounds, mine.sum(), f"{scores[mine].mean():.2f}", f"{rate['rate']:.2f}"
         lines.append(f"| {' | '.join(map(str, cells))} | {low:.2f}-{high:.2f} |")
     return lines
 

@@ -29,19 +29,12 @@ PICTURES = "annotate-symmetry, pictures"
 
 @dataclass(frozen=True)
 class AnnotationExtras:
-    """Optional inputs and outputs of `annotate-symmetry`.
+    """Optional inputs and outputs of `annotate-symmetry`."""
 
-    Attributes:
-        edits: file of corrections by hand.
-        bop_symmetries: models_info.json whose rotations replace those found.
-        bop: models_info.json to write.
-        pictures: folder for contact sheets.
-    """
-
-    edits: Path | None = None
-    bop_symmetries: Path | None = None
-    bop: Path | None = None
-    pictures: Path | None = None
+    edits: Path | None = None  # corrections by hand
+    bop_symmetries: Path | None = None  # models_info.json whose rotations replace those found
+    bop: Path | None = None  # models_info.json to write
+    pictures: Path | None = None  # folder for contact sheets
 
 
 def write_extras(

@@ -62,14 +62,9 @@ def annotate(
 ) -> tuple[ObjectSymmetries, tuple[str, ...]]:
     """Return the annotation of `mesh`, object frame, metres, and notes on problems.
 
-    Args:
-        mesh: the object; triangles without area and duplicates are ignored.
-        name: name of the object.
-        config: limits.
-        rng: generator of all samples.
-        regions_path: regions by hand, which replace those found.
-        given: rotation or sphere of another source, which replaces the one found.
-        edits: corrections by hand of the symmetries found.
+    Triangles without area and duplicates are ignored. `regions_path`: regions by hand, which
+    replace those found. `given`: rotation or sphere of another source, which replaces the one
+    found. `edits`: corrections by hand of the symmetries found.
 
     Raises:
         ValueRangeError: no triangle has an area.

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipelines.array_types import Array, Mask
-from pipelines.evaluation.records import threshold_key
+from pipelines.evaluation.records import number_key
 from pipelines.evaluation.rows import ordered_rows
 from pipelines.evaluation.tallies import ALL, PredictionTally, ReportTally, RowTally
 from pipelines.geometry.symmetry import SYMMETRY_KINDS
@@ -59,7 +59,7 @@ def split_figures(
         **_means(row, np.array(row.predicted, np.bool_), "_predicted"),
         "symmetry_ap": _symmetry_ap(row, reported, sphere_threshold),
         "symmetry_ap_strict": {
-            threshold_key(threshold): _symmetry_ap(row, threshold, sphere_threshold)
+            number_key(threshold): _symmetry_ap(row, threshold, sphere_threshold)
             for threshold in stricter
         },
         **_mask_ap(masks),
@@ -120,7 +120,7 @@ def _mean(values: ArrayLike, counted: Mask) -> float | None:
 
 
 def _key(kind: str, threshold: float, sphere_threshold: float) -> str:
-    return threshold_key(sphere_threshold if kind == "sphere" else threshold)
+    return number_key(sphere_threshold if kind == "sphere" else threshold)
 
 
 def _symmetry_ap(
@@ -163,7 +163,7 @@ def _graspnet_ap(row: RowTally) -> dict[str, float | None]:
 
 def _mask_ap(masks: PredictionTally) -> dict[str, float | None]:
     """Return COCO's AP at IoU 0.5, at 0.75, and the mean over 0.5 to 0.95."""
-    pooled = [masks.pooled(threshold_key(threshold)) for threshold in IOU_THRESHOLDS]
+    pooled = [masks.pooled(number_key(threshold)) for threshold in IOU_THRESHOLDS]
     confidence = pooled[0][0]
     # Frames without predictions need not name thresholds.
     correct = [right if len(right) else np.zeros(len(confidence)) for _, right, _ in pooled]

@@ -8,7 +8,7 @@ import numpy as np
 from pipelines.array_types import Mask
 from pipelines.configs import EvaluateConfig
 from pipelines.evaluation.predictions import FramePredictions, RowPredictions, ScoredGrasps
-from pipelines.evaluation.records import FrameRecord, RowRecord, ScoredPredictions, threshold_key
+from pipelines.evaluation.records import FrameRecord, RowRecord, ScoredPredictions, number_key
 from pipelines.evaluation.truth import FrameTruth
 from pipelines.geometry.symmetry import SYMMETRY_KINDS, SymmetrySlots
 from pipelines.geometry.transforms import invert, nearest_orthogonal, transform_points
@@ -42,13 +42,7 @@ class RegionOwners:
 
 @dataclass(frozen=True)
 class RegionRow:
-    """One method on the regions of a frame.
-
-    Attributes:
-        predictions: its grasps and symmetries.
-        masks: (H, W) each, the regions.
-        owners: whose these are.
-    """
+    """One method on the regions of a frame, `masks` (H, W) each."""
 
     predictions: RowPredictions
     masks: list[Mask]
@@ -118,7 +112,7 @@ def _scored_masks(predictions: FramePredictions, truth: FrameTruth) -> ScoredPre
     true_masks = [instance.mask for instance in truth.instances]
     right = match_masks(predictions.masks, predictions.confidence, true_masks)
     found = {
-        threshold_key(iou): np.where(verdicts, CORRECT, WRONG).tolist()
+        number_key(iou): np.where(verdicts, CORRECT, WRONG).tolist()
         for iou, verdicts in zip(IOU_THRESHOLDS, right, strict=True)
     }
     return ScoredPredictions(len(true_masks), list(predictions.confidence), found)
@@ -186,7 +180,7 @@ def _scored_kind(
         sum(len(scored_symmetries(region, kind)) for region in truth.regions),
         [prediction.confidence for prediction in predicted],
         {
-            threshold_key(t): symmetry_verdicts(predicted, truth.regions, t).tolist()
+            number_key(t): symmetry_verdicts(predicted, truth.regions, t).tolist()
             for t in thresholds
         },
     )

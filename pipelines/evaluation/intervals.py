@@ -17,12 +17,7 @@ MOST_WEIGHTS = 100_000_000  # of predictions, drawn for one interval
 
 @dataclass
 class RowIntervals:
-    """Frames of a report, row by row.
-
-    Attributes:
-        keys: of `threshold_keys`.
-        runs: by row, its frames.
-    """
+    """Frames of a report by row; `keys` of `threshold_keys`."""
 
     keys: Mapping[str, str]
     runs: dict[str, EvaluatedRun] = field(default_factory=dict)

@@ -26,19 +26,12 @@ RowPlaces = dict[str, tuple[Path, list[int]]]
 
 @dataclass(frozen=True)
 class ComparedRuns:
-    """Grasps on the frames of a dataset by row: ours, and those of `--with`.
-
-    Attributes:
-        root: the dataset.
-        index: of our `grasps.h5`.
-        paths: row -> grasps.h5; the row of another file is called as its file.
-        scenes: where the frames of each scene and camera lie, by row.
-    """
+    """Grasps on the frames of a dataset by row: ours, and those of `--with`."""
 
     root: GraspNetRoot
-    index: GraspsIndex
-    paths: Mapping[str, Path]
-    scenes: Mapping[SceneFiles, RowPlaces]
+    index: GraspsIndex  # of our `grasps.h5`
+    paths: Mapping[str, Path]  # row -> grasps.h5; the row of another file is called as its file
+    scenes: Mapping[SceneFiles, RowPlaces]  # where the frames of each lie, by row
 
     @classmethod
     def of(cls, grasps: Path, others: Sequence[Path], dataset: Path) -> "ComparedRuns":

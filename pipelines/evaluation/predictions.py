@@ -54,15 +54,9 @@ class ScoredGrasps:
 
 @dataclass(frozen=True)
 class FramePredictions:
-    """What `infer` wrote about one frame; lists have one entry a region.
+    """What `infer` wrote about one frame; lists have one entry a region, masks are (H, W).
 
-    Attributes:
-        name: of the frame.
-        seconds: that it took.
-        masks: (H, W) each.
-        confidence: of the detector.
-        row: best grasps and symmetries.
-        anywhere: grasps of a compared method that knows no regions; None for other methods.
+    `anywhere`: grasps of a compared method that knows no regions; None for other methods.
     """
 
     name: str

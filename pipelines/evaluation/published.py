@@ -4,49 +4,41 @@ They were measured on GraspNet-1Billion and on a real robot; ours are measured o
 `evaluate` was given.
 """
 
-from dataclasses import dataclass
-
 SOURCE = "SymmetryGrasp paper, on GraspNet-1Billion"
 SOURCE_ROBOT = "SymmetryGrasp paper, on a real robot (UR-5 with RG-2)"
 
-
-@dataclass(frozen=True)
-class PublishedRow:
-    """One row of a table of the paper: the method, and its figures from left to right."""
-
-    method: str
-    figures: tuple[float, ...]
-
+# Of each table the figures of a method, from left to right.
+Published = dict[str, tuple[float, ...]]
 
 # Table I, grasp quality: seen, unseen.
-GRASP_QUALITY = (
-    PublishedRow("Multi-Grasp", (0.061, 0.043)),
-    PublishedRow("GG-CNN", (0.078, 0.036)),
-    PublishedRow("PointNetGPD", (0.155, 0.095)),
-    PublishedRow("GraspNet", (0.291, 0.276)),
-    PublishedRow("SymmetryGrasp", (0.382, 0.297)),
-)
+GRASP_QUALITY: Published = {
+    "Multi-Grasp": (0.061, 0.043),
+    "GG-CNN": (0.078, 0.036),
+    "PointNetGPD": (0.155, 0.095),
+    "GraspNet": (0.291, 0.276),
+    "SymmetryGrasp": (0.382, 0.297),
+}
 # Table II, antipodal score: seen, unseen.
-ANTIPODAL_SCORE = (
-    PublishedRow("Multi-Grasp", (0.182, 0.094)),
-    PublishedRow("GG-CNN", (0.254, 0.167)),
-    PublishedRow("PointNetGPD", (0.454, 0.402)),
-    PublishedRow("GraspNet", (0.731, 0.684)),
-    PublishedRow("SymmetryGrasp", (0.809, 0.715)),
-)
+ANTIPODAL_SCORE: Published = {
+    "Multi-Grasp": (0.182, 0.094),
+    "GG-CNN": (0.254, 0.167),
+    "PointNetGPD": (0.454, 0.402),
+    "GraspNet": (0.731, 0.684),
+    "SymmetryGrasp": (0.809, 0.715),
+}
 # Table III, success rate: reflection, rotation, sphere, none.
-SUCCESS_RATE = (
-    PublishedRow("Multi-Grasp", (0.23, 0.15, 0.38, 0.17)),
-    PublishedRow("GG-CNN", (0.27, 0.28, 0.35, 0.33)),
-    PublishedRow("PointNetGPD", (0.39, 0.43, 0.23, 0.19)),
-    PublishedRow("GraspNet", (0.68, 0.59, 0.61, 0.52)),
-    PublishedRow("SymmetryGrasp", (0.74, 0.68, 0.72, 0.47)),
-)
+SUCCESS_RATE: Published = {
+    "Multi-Grasp": (0.23, 0.15, 0.38, 0.17),
+    "GG-CNN": (0.27, 0.28, 0.35, 0.33),
+    "PointNetGPD": (0.39, 0.43, 0.23, 0.19),
+    "GraspNet": (0.68, 0.59, 0.61, 0.52),
+    "SymmetryGrasp": (0.74, 0.68, 0.72, 0.47),
+}
 # Sec. IV-E, symmetry AP: reflection, rotation, sphere; [32] is SymmetryNet, [7] is by geometry.
-SYMMETRY_AP = (
-    PublishedRow("geometry [7]", (0.17, 0.08, 0.34)),
-    PublishedRow("SymmetryNet [32]", (0.39, 0.32, 0.58)),
-    PublishedRow("SymmetryGrasp", (0.56, 0.61, 0.73)),
-)
+SYMMETRY_AP: Published = {
+    "geometry [7]": (0.17, 0.08, 0.34),
+    "SymmetryNet [32]": (0.39, 0.32, 0.58),
+    "SymmetryGrasp": (0.56, 0.61, 0.73),
+}
 # Sec. III-D, region masks at IoU 0.5: seen, unseen.
-MASK_AP50 = (PublishedRow("SymmetryGrasp", (0.72, 0.55)),)
+MASK_AP50: Published = {"SymmetryGrasp": (0.72, 0.55)}

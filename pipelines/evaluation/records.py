@@ -68,9 +68,9 @@ def records_folder(report: Path) -> Path:
     return report.with_suffix(".frames")
 
 
-def threshold_key(threshold: float) -> str:
-    """Return the name of a threshold in JSON: 0.25 is "0.25"."""
-    return f"{threshold:g}"
+def number_key(number: float) -> str:
+    """Return the name of a threshold or a friction in JSON: 0.25 is "0.25"."""
+    return f"{number:g}"
 
 
 def write_frame_records(path: Path, records: Sequence[FrameRecord], stamp: Stamp) -> None:

@@ -16,16 +16,15 @@ from pipelines.evaluation.paired_runs import MASKS, EvaluatedRun, RunPredictions
 from pipelines.evaluation.records import (
     FrameRecord,
     RowRecord,
+    number_key,
     read_frame_records,
     records_folder,
-    threshold_key,
 )
 from pipelines.evaluation.rows import OURS
 from pipelines.evaluation.trial_records import (
     HELD,
     FrameTrials,
     TrialRecord,
-    friction_key,
     read_trials,
     trials_folder,
 )
@@ -45,15 +44,11 @@ def compared_folders(report: Path) -> list[Path]:
     return [folder for folder in folders if folder.is_dir()]
 
 
-def read_run(path: Path, name: str, row: str, into: EvaluatedRun | None = None) -> EvaluatedRun:
+def read_run(path: Path, name: str, row: str) -> EvaluatedRun:
     """Read the records beside the report `path`, a scene at a time.
 
-    Args:
-        path: `report.json`, of a `grasps.h5` or of a dump by GraspNet's protocol; or
-            `success.json`.
-        name: of the run.
-        row: of the report. Rows of a dump are cameras; DEFAULT_ROW means all of them.
-        into: run of other frames that a report of `infer` is added to; None for a new one.
+    `path`: `report.json`, of a `grasps.h5` or of a dump by GraspNet's protocol; or `success.json`.
+    `row`: of the report. Rows of a dump are cameras; DEFAULT_ROW means all of them.
 
     Raises:
         MissingInputError: there are none.
@@ -68,7 +63,7 @@ def read_run(path: Path, name: str, row: str, into: EvaluatedRun | None = None) 
         raise UnknownNameError(f"row of {path}", row, report["rows"])
     folder = scenes_folder(path) if is_dump else records_folder(path)
     scenes = _scenes(folder, "npz" if is_dump else "json", "evaluate")
-    run = EvaluatedRun(name, report) if into is None else into
+    run = EvaluatedRun(name, report)
     if is_dump:
         _read_dump(run, path, scenes, "" if row == DEFAULT_ROW else row)
     else:
@@ -101,7 +96,7 @@ def _read_success(path: Path, name: str, row: str) -> EvaluatedRun:
         raise UnknownNameError(f"row of {path}", row, rows)
     run, stamp = EvaluatedRun(name, report), mapping_in(report, "provenance")
     with reading(path, "a friction", "numbers, as `simulate` writes them"):
-        metrics = [success_metric(friction_key(friction)) for friction in report["frictions"]]
+        metrics = [success_metric(number_key(friction)) for friction in report["frictions"]]
     for scene in _scenes(trials_folder(path), "json", "simulate"):
         _check_stamp(scene, path, stamp, COMPARED)
         with reading(scene, "a record", "run simulate again"):
@@ -199,5 +194,5 @@ def threshold_keys(dense: float, sphere: float) -> dict[str, str]:
 
     `dense`: of the dense symmetry error. `sphere`: metres.
     """
-    keys = [threshold_key(sphere if kind == "sphere" else dense) for kind in SYMMETRY_KINDS]
-    return dict(zip(PRECISIONS, (*keys, threshold_key(IOU_THRESHOLDS[0])), strict=True))
+    keys = [number_key(sphere if kind == "sphere" else dense) for kind in SYMMETRY_KINDS]
+    return dict(zip(PRECISIONS, (*keys, number_key(IOU_THRESHOLDS[0])), strict=True))

@@ -4,13 +4,13 @@ The paper has the splits seen and unseen; ours has seen, similar and novel, of w
 together are unseen.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 from pipelines.evaluation import published
 from pipelines.evaluation.figures import TEST_SPLITS, Figures
-from pipelines.evaluation.published import PublishedRow
+from pipelines.evaluation.published import Published
 from pipelines.evaluation.rows import OURS, report_row, rows_note
 from pipelines.evaluation.tallies import ALL
 from pipelines.geometry.symmetry import SYMMETRY_KINDS
@@ -61,7 +61,7 @@ def report_sections(report: Mapping[str, Any]) -> dict[str, list[Table]]:
     title = "Table II. Antipodal score of the contact pair"
     pair = split_table(rows, "antipodal_score", published.ANTIPODAL_SCORE, title)
     title = "Antipodal score of the closing region (S4G's)"
-    region = split_table(rows, "antipodal_score_region", (), title)
+    region = split_table(rows, "antipodal_score_region", {}, title)
     sections: dict[str, list[Table | None]] = {
         "Grasps": [quality, swept, pair, region, graspnet_table(rows)],
         "Success": [success_table(report), trial_table(report)],
@@ -90,12 +90,12 @@ def _left_out(report: Mapping[str, Any]) -> str:
     return f" Scenes left out, as they could not be evaluated: {len(failed)}, as {scene}: {why}."
 
 
-def split_table(rows: ReportRows, figure: str, paper: Sequence[PublishedRow], title: str) -> Table:
+def split_table(rows: ReportRows, figure: str, paper: Published, title: str) -> Table:
     """Return a mean over objects by method and split, the paper's rows first."""
     is_trained_on = any(figures.get("train", {}).get("frames") for figures in rows.values())
     splits = ["seen", "unseen", *UNSEEN, *(["train"] if is_trained_on else []), ALL]
     blank = ("",) * (len(splits) - 2)
-    body = [(row.method, *map(_number, row.figures), *blank) for row in paper]
+    body = [(method, *map(_number, found), *blank) for method, found in paper.items()]
     for row, figures in rows.items():
         found = [_number(_mean(figures, figure, s)) for s in splits]
         found[-1] += _between(figures[ALL], figure)
@@ -115,8 +115,8 @@ def split_table(rows: ReportRows, figure: str, paper: Sequence[PublishedRow], ti
 def success_table(report: Mapping[str, Any]) -> Table:
     """Return the success rates by symmetry: the paper's real ones, ours in simulation."""
     body = [
-        (row.method, "", "", *(f"{100 * rate:.0f}" for rate in row.figures), "")
-        for row in published.SUCCESS_RATE
+        (method, "", "", *(f"{100 * rate:.0f}" for rate in rates), "")
+        for method, rates in published.SUCCESS_RATE.items()
     ]
     for row, by_split in _simulated(report, "success").items():
         by_kind = by_split.get(ALL, {})
@@ -176,7 +176,8 @@ def trial_table(report: Mapping[str, Any]) -> Table | None:
 
 def symmetry_table(rows: ReportRows) -> Table:
     """Return symmetry AP by method, split and threshold of the dense error."""
-    body = [(row.method, "test set", *map(_number, row.figures)) for row in published.SYMMETRY_AP]
+    paper = published.SYMMETRY_AP
+    body = [(method, "test set", *map(_number, found)) for method, found in paper.items()]
     for row, split, figures in _cells(rows):
         if any(value is not None for value in figures["symmetry_ap"].values()):
             found = (
@@ -194,7 +195,7 @@ def symmetry_table(rows: ReportRows) -> Table:
     )
     header = ("method", "split", *SYMMETRY_KINDS)
     title = "Symmetry, average precision"
-    return Table(title, header, tuple(body), note, len(published.SYMMETRY_AP), names=2)
+    return Table(title, header, tuple(body), note, len(paper), names=2)
 
 
 def graspnet_table(rows: ReportRows) -> Table | None:
@@ -219,9 +220,8 @@ def _ap(figures: Figures, name: str) -> str:
 
 def mask_table(rows: ReportRows) -> Table:
     """Return the average precision of region masks by split."""
-    seen, unseen = published.MASK_AP50[0].figures
-    method = published.MASK_AP50[0].method
-    pairs = (("seen", seen), ("unseen", unseen))
+    ((method, figures),) = published.MASK_AP50.items()
+    pairs = zip(("seen", "unseen"), figures, strict=True)
     body: list[tuple[str, ...]] = []
     body += [(method, split, _number(figure), "", "") for split, figure in pairs]
     for row, split, found in _cells(rows):

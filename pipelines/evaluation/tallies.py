@@ -25,13 +25,7 @@ def _floats() -> "array[float]":
 
 @dataclass
 class PredictionTally:
-    """Predictions of one kind, of many frames.
-
-    Attributes:
-        num_truth: how many there were to find.
-        confidence: of each prediction.
-        verdicts: of each prediction by threshold, as in `ScoredPredictions`.
-    """
+    """Predictions of one kind, of many frames, each as `ScoredPredictions` has it."""
 
     num_truth: int = 0
     confidence: "array[float]" = field(default_factory=_floats)
@@ -101,10 +95,8 @@ class RowTally:
 class ReportTally:
     """All methods on many frames, by split; the split `all` holds every frame.
 
-    Attributes:
-        seconds: that `infer` took, of the frames of which it is known.
-        masks: by split; the same for all methods.
-        rows: by method and split.
+    `seconds` that `infer` took, of the frames of which it is known. `masks` of all methods alike,
+    by split; `rows` by method and split.
     """
 
     seconds: "array[float]" = field(default_factory=_floats)

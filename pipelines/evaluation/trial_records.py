@@ -18,49 +18,29 @@ HELD = "held"  # the reason of a trial that succeeded
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a trial.
+    """What became of a trial, and how the object moved in the gripper from closing to the end."""
 
-    Attributes:
-        reason: one of `simulation.trial.REASONS`.
-        slip: metres that the object moved in the gripper from closing to the end.
-        turn: degrees that it turned in the gripper.
-    """
-
-    reason: str
-    slip: float = 0.0
-    turn: float = 0.0
+    reason: str  # one of `simulation.trial.TRIAL_OUTCOMES`
+    slip: float = 0.0  # metres
+    turn: float = 0.0  # degrees
 
 
 @dataclass(frozen=True)
 class TrialRecord:
-    """The best grasp on one visible object of a frame.
-
-    Attributes:
-        object_id: of the dataset.
-        kind: symmetry of the true region that it is on: sphere, rotation, reflection or none.
-        outcomes: by friction, see `friction_key`.
-    """
+    """The best grasp on one visible object of a frame."""
 
     object_id: int
-    kind: str
-    outcomes: dict[str, Outcome]
+    kind: str  # symmetry of the true region that it is on: sphere, rotation, reflection or none
+    outcomes: dict[str, Outcome]  # by `number_key`
 
 
 @dataclass(frozen=True)
 class FrameTrials:
-    """All trials of one frame.
-
-    Attributes:
-        name: of the frame.
-        split: of its scene.
-        shift: metres that an object moved at most to come to rest.
-        trials: of our grasps.
-        baselines: of those of other methods.
-    """
+    """All trials of one frame: of our grasps, and of `baselines`, those of other methods."""
 
     name: str
     split: str
-    shift: float
+    shift: float  # metres that an object moved at most to come to rest
     trials: list[TrialRecord]
     baselines: dict[str, list[TrialRecord]] = field(default_factory=dict)
 
@@ -68,11 +48,6 @@ class FrameTrials:
     def rows(self) -> dict[str, list[TrialRecord]]:
         """The trials by method, ours first."""
         return {OURS: self.trials, **self.baselines}
-
-
-def friction_key(friction: float) -> str:
-    """Return the name of a friction in JSON: 0.3 is "0.3"."""
-    return f"{friction:g}"
 
 
 def trials_folder(success: Path) -> Path:

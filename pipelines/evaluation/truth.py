@@ -1,7 +1,6 @@
 """The ground truth of a frame of a GraspNet root, as the metrics want it."""
 
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,8 +56,7 @@ class TruthReader:
     config: EvaluateConfig
     _objects: dict[int, TrueObject] = field(default_factory=dict)
     _affordance: dict[int, AffordanceLabels] = field(default_factory=dict)
-    _cameras: dict[Path, Intrinsics] = field(default_factory=dict)
-    _around: dict[Path, list[MeshCollider]] = field(default_factory=dict)
+    _scenes: dict[SceneFiles, tuple[Intrinsics, list[MeshCollider]]] = field(default_factory=dict)
 
     def read(self, files: FrameFiles) -> FrameTruth:
         """Read one frame."""
@@ -66,8 +64,7 @@ class TruthReader:
         poses = {p.object_id: p.T_cam_obj for p in self.root.read_annotation(files)}
         scene_files = self.root.scene(files.scene_id, files.camera)
         table = scene_files.table_from_camera(files.frame_id)
-        intrinsics = self._intrinsics(scene_files)
-        around = self._surroundings(scene_files)
+        intrinsics, around = self._camera_and_surroundings(scene_files)
         scene = TrueScene({i: self.object(i) for i in poses}, poses, table, around)
         counts = np.bincount(label.ravel(), minlength=max(poses, default=0) + 2)
         visible = [i for i in sorted(poses) if counts[i + 1] >= self.config.min_visible_pixels]
@@ -107,15 +104,11 @@ class TruthReader:
         found = visible_regions(label, intrinsics, sorted(poses.items()), objects)
         return [i for i in found if i.mask.sum() >= self.config.min_visible_pixels]
 
-    def _surroundings(self, scene: SceneFiles) -> list[MeshCollider]:
-        if scene.folder not in self._around:
-            self._around[scene.folder] = [MeshCollider(each) for each in scene.surroundings]
-        return self._around[scene.folder]
-
-    def _intrinsics(self, scene: SceneFiles) -> Intrinsics:
-        if scene.camera_folder not in self._cameras:
-            self._cameras[scene.camera_folder] = scene.intrinsics
-        return self._cameras[scene.camera_folder]
+    def _camera_and_surroundings(self, scene: SceneFiles) -> tuple[Intrinsics, list[MeshCollider]]:
+        if scene not in self._scenes:
+            around = [MeshCollider(each) for each in scene.surroundings]
+            self._scenes[scene] = scene.intrinsics, around
+        return self._scenes[scene]
 
 
 def region_points(instance: RegionInstance, scene: TrueScene, intrinsics: Intrinsics) -> Array:

@@ -27,16 +27,13 @@ class FrameInputs(Mapping[str, str]):
         self._signatures: dict[str, Signature] | None = None
 
     def __getitem__(self, name: str) -> str:
-        """Return a digest."""
         return self._common[name] if name in self._common else self._digests()[name]
 
     def __iter__(self) -> Iterator[str]:
-        """Yield the names."""
         yield from self._common
         yield from self._files
 
     def __len__(self) -> int:
-        """Return the number of inputs."""
         return len(self._common) + len(self._files)
 
     @property

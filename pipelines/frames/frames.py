@@ -1,8 +1,8 @@
 """Find RGB-D frames below a folder, whatever its layout."""
 
 import re
-from collections.abc import Container
-from dataclasses import dataclass
+from collections.abc import Callable, Container
+from functools import partial
 from pathlib import Path
 
 from pipelines.errors import SymgraspError
@@ -14,20 +14,6 @@ from pipelines.storage.files import real_path
 from pipelines.storage.unfinished import refuse_unfinished
 
 GRASPNET_CAMERAS = ("kinect", "realsense")
-
-
-@dataclass(frozen=True)
-class _Wanted:
-    """The folders of a GraspNet root that are wanted; all others are."""
-
-    camera: str | None
-    scenes: Container[int] | None
-
-    def has(self, folder: str) -> bool:
-        if folder in GRASPNET_CAMERAS:
-            return self.camera in (None, folder)
-        scene = re.fullmatch(r"scene_(\d{4})", folder)
-        return scene is None or self.scenes is None or int(scene[1]) in self.scenes
 
 
 def find_frames(
@@ -61,7 +47,7 @@ def find_frames(
             raise SymgraspError(f"{folder} is not a folder; give the folder that holds the frames")
         return sources
     refuse_unfinished(folder)
-    sources = _search(folder, "", stated, _Wanted(camera, scenes))
+    sources = _search(folder, "", stated, partial(_is_wanted, camera, scenes))
     if not sources and not may_be_empty:
         raise SymgraspError(why_no_frames(folder))
     return sources
@@ -76,8 +62,18 @@ def _beside(file: Path, options: FrameOptions) -> list[FrameSource]:
     return found + pickled_in(file.parent, "", options)
 
 
-def _search(folder: Path, prefix: str, options: FrameOptions, wanted: _Wanted) -> list[FrameSource]:
-    if not wanted.has(folder.name):
+def _is_wanted(camera: str | None, scenes: Container[int] | None, folder: str) -> bool:
+    """Return whether a folder of a GraspNet root is of the wanted ones; all other folders are."""
+    if folder in GRASPNET_CAMERAS:
+        return camera in (None, folder)
+    scene = re.fullmatch(r"scene_(\d{4})", folder)
+    return scene is None or scenes is None or int(scene[1]) in scenes
+
+
+def _search(
+    folder: Path, prefix: str, options: FrameOptions, is_wanted: Callable[[str], bool]
+) -> list[FrameSource]:
+    if not is_wanted(folder.name):
         return []
     direct = frames_in(folder, prefix, options)
     if direct:
@@ -90,5 +86,5 @@ def _search(folder: Path, prefix: str, options: FrameOptions, wanted: _Wanted) -
             continue  # a link to a folder above would be searched for ever
         if child.is_dir() and not child.name.startswith("."):
             name = f"{prefix}/{child.name}" if prefix else child.name
-            sources += _search(child, name, options, wanted)
+            sources += _search(child, name, options, is_wanted)
     return sources or pickled_in(folder, prefix, options)

@@ -192,8 +192,8 @@ def write_pose_array(path: Path, poses: Floats) -> None:
     write_npy(path, np.asarray(poses, dtype=np.float64))
 
 
-def read_pose_array(path: Path, ndim: int | None = None) -> Array:
-    """Read a file of `write_pose_array`: (..., 4, 4) float64, of `ndim` dimensions if given.
+def read_pose_array(path: Path, ndim: int) -> Array:
+    """Read a file of `write_pose_array`: float64 of `ndim` dimensions, (4, 4) or (n, 4, 4).
 
     Rotations that are a little off, as few decimals leave them, are made exact.
 
@@ -201,9 +201,9 @@ def read_pose_array(path: Path, ndim: int | None = None) -> Array:
         FormatError: another shape, or matrices that are no rigid transforms.
     """
     poses = read_npy(path)
-    expected = {2: "(4, 4)", 3: "(n, 4, 4)"}.get(ndim or 0, "(..., 4, 4)")
-    if poses.shape[-2:] != (4, 4) or ndim not in (None, poses.ndim):
-        raise FormatError(path, f"an array of shape {poses.shape}", f"{expected} is expected")
+    if poses.shape[-2:] != (4, 4) or poses.ndim != ndim:
+        expected = f"{'(4, 4)' if ndim == 2 else '(n, 4, 4)'} is expected"
+        raise FormatError(path, f"an array of shape {poses.shape}", expected)
     if poses.dtype.kind not in "fiu" or not _are_rigid(poses):
         raise FormatError(path, "a matrix is no rigid transform", "rotations are orthonormal")
     return _straightened(poses.astype(np.float64))

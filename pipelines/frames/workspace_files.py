@@ -1,7 +1,6 @@
 """The workspace that a user gives: a mask picture, or six numbers of a box."""
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,37 +12,24 @@ from pipelines.storage.images import read_image
 FORMS = "x0,y0,z0,x1,y1,z1 in metres, or a mask picture's path"
 
 
-@dataclass(frozen=True)
-class Workspace:
-    """Either of both; an empty box and no mask is everywhere."""
-
-    box: tuple[float, ...] = ()
-    mask: Path | None = None
-
-
-def parse_workspace(text: str | None) -> Workspace:
-    """Return what `--workspace` means.
+def parse_workspace(text: str | None) -> tuple[tuple[float, ...], Path | None]:
+    """Return the box or the mask that `--workspace` means; () and None are everywhere.
 
     Raises:
         ValueRangeError: neither six numbers nor a file.
     """
     if text is None:
-        return Workspace()
+        return (), None
     path = Path(text)
     if path.is_file():
-        return Workspace(mask=path)
+        return (), path
     try:
-        box = numbers_of(text)
+        box = tuple(float(part) for part in re.split(r"[,\s]+", text.strip()))
     except ValueError:
         raise ValueRangeError("--workspace", text, FORMS) from None
     if len(box) != 6:
         raise ValueRangeError("--workspace", text, FORMS)
-    return Workspace(box=box)
-
-
-def numbers_of(text: str) -> tuple[float, ...]:
-    """Return the numbers of `text`, commas or spaces between them, or raise ValueError."""
-    return tuple(float(part) for part in re.split(r"[,\s]+", text.strip()))
+    return box, None
 
 
 def read_workspace_mask(path: Path, shape: tuple[int, ...]) -> Mask:

@@ -66,7 +66,8 @@ def read_grasp_rows(
     if max_width is not None:
         stored[:, 1] = np.clip(stored[:, 1], 0.0, max_width)
     rows = stored.astype(np.float64)
-    faults = {int(i): "holds numbers that are not finite" for i in _not_finite(rows)}
+    broken = np.flatnonzero(~np.isfinite(rows).all(axis=1))
+    faults = {int(i): "holds numbers that are not finite" for i in broken}
     rotation = np.where(np.isfinite(rows[:, 4:13]), rows[:, 4:13], 0.0).reshape(-1, 3, 3)
     nearest = nearest_orthogonal(rotation)
     skew = np.abs(nearest - rotation).max(axis=(1, 2))
@@ -97,10 +98,6 @@ def _numbers(path: Path) -> Floats:
             found += " (planar grasps in pixels)"
         raise FormatError(path, found, f"(N, {COLUMNS}) numbers, graspnetAPI's rows, are expected")
     return rows if rows.dtype.kind == "f" else rows.astype(np.float64)
-
-
-def _not_finite(rows: Array) -> NDArray[np.int64]:
-    return np.flatnonzero(~np.isfinite(rows).all(axis=1))
 
 
 def write_verdicts(path: Path, arrays: dict[str, NDArray[np.generic]], stamp: Stamp) -> None:

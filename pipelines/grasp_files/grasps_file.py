@@ -39,7 +39,6 @@ from pipelines.storage.h5_columns import (
     attribute,
     check_version,
     json_attributes,
-    own_attributes,
     read_rows,
     write_attribute,
     write_columns,
@@ -74,11 +73,7 @@ def write(
 ) -> None:
     """Write `results` in order; the same results and stamp give the same bytes.
 
-    Args:
-        path: where to.
-        results: one a frame.
-        stamp: settings, seed and inputs of the run.
-        weights: name to digest of the weights used; the stamp's inputs if not given.
+    `weights`: name to digest of the weights used; the stamp's inputs if not given.
     """
     with new_h5(path) as file:
         write_attributes(file, stamp, weights)
@@ -171,7 +166,8 @@ def file_attributes(file: h5py.File) -> dict[str, Any]:
         FormatError: one of the two is something else.
     """
     path = Path(file.filename)
-    return own_attributes(file) | json_attributes(path, file, ("config", "weights"))
+    found = {name: attribute(file, name) for name in file.attrs}
+    return found | json_attributes(path, file, ("config", "weights"))
 
 
 def stored_intrinsics(size: NDArray[Any], intrinsics: NDArray[Any]) -> Intrinsics | None:

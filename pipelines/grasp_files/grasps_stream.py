@@ -45,23 +45,14 @@ BATCH = 64  # frames in memory while shards are put together
 
 @dataclass(frozen=True)
 class GraspsIndex:
-    """What a file holds, without its grasps: names and states of its frames, and attributes.
-
-    Attributes:
-        names: of the frames.
-        statuses: ok, empty or failed, of each frame.
-        messages: why a frame is empty or has failed.
-        num_grasps: of all frames together.
-        attrs: of the file.
-        stamp: of the run that wrote it, as JSON.
-    """
+    """What a file holds, without its grasps: names and states of its frames, and attributes."""
 
     names: list[str]
-    statuses: list[str]
-    messages: list[str]
-    num_grasps: int
+    statuses: list[str]  # ok, empty or failed, of each frame
+    messages: list[str]  # why a frame is empty or has failed
+    num_grasps: int  # of all frames together
     attrs: Mapping[str, Any]
-    stamp: Mapping[str, Any]
+    stamp: Mapping[str, Any]  # of the run that wrote it, as JSON
 
     @property
     def gripper(self) -> str:

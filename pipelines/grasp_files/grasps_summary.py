@@ -11,17 +11,11 @@ NAMED = 5  # frames that a sentence names
 
 @dataclass(frozen=True)
 class GraspsSummary:
-    """Counts of a file, and its frames without a grasp.
+    """Counts of a file, and its frames without a grasp."""
 
-    Attributes:
-        frames: number of frames, those that failed too.
-        grasps: number of grasps.
-        empty: names of the frames that have no grasp -> reason.
-    """
-
-    frames: int
+    frames: int  # those that failed too
     grasps: int
-    empty: dict[str, str]
+    empty: dict[str, str]  # name of a frame without a grasp -> reason
     failed: int
 
     def lines(self) -> Iterator[str]:

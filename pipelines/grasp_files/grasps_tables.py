@@ -79,7 +79,6 @@ class RegionTable(ColumnTable):
         return cls(**columns, mask_counts=NO_COLUMN, mask_start=np.zeros(1))
 
     def __len__(self) -> int:
-        """Return the number of regions."""
         return len(self.box)
 
     def mask(self, region: int, width: int, height: int) -> Mask:
@@ -132,7 +131,6 @@ class GraspTable(ColumnTable):
         return cls(**columns)
 
     def __len__(self) -> int:
-        """Return the number of grasps."""
         return len(self.width)
 
     def taken(self, index: slice | NDArray[Any]) -> "GraspTable":

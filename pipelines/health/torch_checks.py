@@ -34,8 +34,7 @@ def operator_check(device: str = "cpu") -> Check:
 def gpu_checks(max_error: float) -> Iterator[Check]:
     """Say which GPUs are there, and compare a product of matrices on each with the CPU's.
 
-    Args:
-        max_error: the largest difference, relative to the largest number of the product.
+    `max_error`: the largest difference, relative to the largest number of the product.
     """
     import torch  # noqa: PLC0415 - slow to load
 

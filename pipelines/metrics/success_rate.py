@@ -1,32 +1,20 @@
 """Rates of success with Wilson's intervals."""
 
-from dataclasses import dataclass
+from typing import Any
 
 LEVEL = 0.95  # of the interval
 
 
-@dataclass(frozen=True)
-class SuccessRate:
-    """`held` of `trials`; rate and 95 % interval are None without trials."""
+def success_rate(trials: int, held: int) -> dict[str, Any]:
+    """Return `held` of `trials` as `rate`, with the interval `low` to `high` (Wilson, 1927).
 
-    trials: int
-    held: int
-
-    @property
-    def rate(self) -> float | None:
-        """Share of the trials that held."""
-        return self.held / self.trials if self.trials else None
-
-    @property
-    def interval(self) -> tuple[float | None, float | None]:
-        """Lowest and highest rate that 95 % confidence leaves (Wilson, 1927).
-
-        Unlike the textbook's interval it stays within 0 to 1, and means something for no or only
-        successes.
-        """
-        if not self.trials:
-            return None, None
+    All three are None without trials. Unlike the textbook's interval it stays within 0 to 1, and
+    means something for no or only successes.
+    """
+    rate = low = high = None
+    if trials:
         from scipy.stats import binomtest  # noqa: PLC0415 - slow to import
 
-        found = binomtest(self.held, self.trials).proportion_ci(LEVEL, method="wilson")
-        return float(found.low), float(found.high)
+        found = binomtest(held, trials).proportion_ci(LEVEL, method="wilson")
+        rate, low, high = held / trials, float(found.low), float(found.high)
+    return {"trials": trials, "held": held, "rate": rate, "low": low, "high": high}

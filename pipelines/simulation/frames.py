@@ -14,8 +14,9 @@ from pipelines.dataset.training.coco_instances import kind_of
 from pipelines.evaluation.baselines import Baselines, rows_of
 from pipelines.evaluation.frame_scores import RegionRow, best_region
 from pipelines.evaluation.predictions import FramePredictions
+from pipelines.evaluation.records import number_key
 from pipelines.evaluation.rows import OURS
-from pipelines.evaluation.trial_records import FrameTrials, Outcome, TrialRecord, friction_key
+from pipelines.evaluation.trial_records import FrameTrials, Outcome, TrialRecord
 from pipelines.evaluation.truth import FrameTruth, TruthReader
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
@@ -70,13 +71,8 @@ class RestedScene:
 class FrameSimulator:
     """Simulated trials of frames; each object is read once.
 
-    Attributes:
-        root: the dataset.
-        pieces: convex pieces of its models.
-        gripper: that closes.
-        config: the trial.
-        baselines: try those of `evaluation.baselines` too.
-        seed: of the baselines; `evaluate` with the same one scores the same grasps.
+    `baselines`: try those of `evaluation.baselines` too; `evaluate` with the same `seed` scores the
+    same grasps.
     """
 
     root: GraspNetRoot
@@ -135,7 +131,7 @@ class FrameSimulator:
     def _try(self, scene: RestedScene, object_id: int, grasp: GraspPoses) -> dict[str, Outcome]:
         """Return the outcomes by friction; `grasp`, table frame, may be none."""
         if not len(grasp):
-            return {friction_key(mu): Outcome("no grasp") for mu in self.config.frictions}
+            return {number_key(mu): Outcome("no grasp") for mu in self.config.frictions}
         trial = Trial.of(
             scene.objects,
             scene.poses,
@@ -145,7 +141,7 @@ class FrameSimulator:
             self.config,
             scene.surroundings,
         )
-        return {friction_key(mu): trial.run(mu) for mu in self.config.frictions}
+        return {number_key(mu): trial.run(mu) for mu in self.config.frictions}
 
 
 def kind_at(truth: FrameTruth, object_id: int, mask: Mask | None) -> str:

@@ -6,17 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.dataset.graspnet.graspnet_layout import SPLITS
+from pipelines.evaluation.records import number_key
 from pipelines.evaluation.rows import OURS, ordered_rows, report_row, rows_note
 from pipelines.evaluation.tables import Table
-from pipelines.evaluation.trial_records import (
-    FORMAT_VERSION,
-    HELD,
-    FrameTrials,
-    TrialRecord,
-    friction_key,
-)
+from pipelines.evaluation.trial_records import FORMAT_VERSION, HELD, FrameTrials, TrialRecord
 from pipelines.geometry.symmetry import SYMMETRY_KINDS
-from pipelines.metrics.success_rate import SuccessRate
+from pipelines.metrics.success_rate import success_rate
 from pipelines.simulation.trial import TRIAL_OUTCOMES
 from pipelines.storage.files import write_json
 from pipelines.storage.provenance import Stamp
@@ -34,7 +29,7 @@ def success_rates(
         split: {
             kind: {
                 key: _rate([t for t in trials if kind in ("all", t.kind)], key)
-                for key in map(friction_key, frictions)
+                for key in map(number_key, frictions)
             }
             for kind in KINDS
         }
@@ -49,7 +44,7 @@ def outcome_counts(
     counts: OutcomeCounts = {}
     for split, trials in _by_split(frames, row).items():
         counts[split] = {}
-        for key in map(friction_key, frictions):
+        for key in map(number_key, frictions):
             found = Counter(trial.outcomes[key].reason for trial in trials)
             counts[split][key] = {
                 reason: found[reason] for reason in TRIAL_OUTCOMES if found[reason]
@@ -75,7 +70,7 @@ def write_success(
 
 def success_tables(content: Mapping[str, Any]) -> list[Table]:
     """Return the tables of a `success.json`."""
-    frictions = [friction_key(friction) for friction in content["frictions"]]
+    frictions = [number_key(friction) for friction in content["frictions"]]
     tables = [_rate_table(content["success"], frictions), _reason_table(content["reasons"])]
     return [*tables, _row_table(content, frictions)] if content.get("baselines") else tables
 
@@ -103,9 +98,7 @@ def _by_split(frames: Sequence[FrameTrials], row: str) -> dict[str, list[TrialRe
 
 
 def _rate(trials: Sequence[TrialRecord], key: str) -> dict[str, Any]:
-    rate = SuccessRate(len(trials), sum(t.outcomes[key].reason == HELD for t in trials))
-    low, high = rate.interval
-    return {"trials": rate.trials, "held": rate.held, "rate": rate.rate, "low": low, "high": high}
+    return success_rate(len(trials), sum(t.outcomes[key].reason == HELD for t in trials))
 
 
 def _rate_table(success: Mapping[str, Any], frictions: Sequence[str]) -> Table:

@@ -3,10 +3,9 @@
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-from numpy.typing import NDArray
 
 from pipelines.contents import json_object, reading
 from pipelines.errors import FormatError
@@ -46,28 +45,18 @@ def save_weights(
     write_bytes(path, *_sorted_header(save(_apart(tensors), metadata=texts)))
 
 
-def load_weights(path: Path) -> tuple[dict[str, "Tensor"], dict[str, str]]:
-    """Read tensors and metadata of a safetensors file.
+def load_weights(path: Path, framework: str = "pt") -> tuple[dict[str, Any], dict[str, str]]:
+    """Read tensors and metadata of a safetensors file; of `np` arrays, which need no torch.
 
     Raises:
         FormatError: truncated, or not safetensors.
     """
-    return _load(path, "pt")
-
-
-def load_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
-    """Read a safetensors file's tensors as arrays, and its metadata; needs no torch.
-
-    Raises:
-        FormatError: truncated, or not safetensors.
-    """
-    return _load(path, "np")
-
-
-def _load(path: Path, framework: str) -> tuple[dict[str, Any], dict[str, str]]:
     with open_safetensors(path, framework) as file:
         tensors = {name: file.get_tensor(name) for name in sorted(file.keys())}
         return tensors, dict(file.metadata() or {})
+
+
+load_arrays = partial(load_weights, framework="np")
 
 
 def save_training(path: Path, state: TrainingState, stamp: Stamp) -> None:

@@ -147,11 +147,6 @@ def attribute(file: h5py.File, name: str, default: Any = None) -> Any:  # noqa: 
         return None
 
 
-def own_attributes(file: h5py.File) -> dict[str, Any]:
-    """Return the attributes of a file by name."""
-    return {name: attribute(file, name) for name in file.attrs}
-
-
 def read_alike(group: Handle, examples: Mapping[str, NDArray[Any]]) -> dict[str, Any] | None:
     """Read the datasets of `group` if each is of the type and row shape of its example.
 

@@ -28,7 +28,6 @@ class GoldenGrasps:
     width: Array  # (n,) metres
 
     def __len__(self) -> int:
-        """Return the number of grasps."""
         return len(self.width)
 
 

@@ -7,8 +7,8 @@ from pipelines.evaluation.records import (
     FrameRecord,
     RowRecord,
     ScoredPredictions,
+    number_key,
     read_frame_records,
-    threshold_key,
     write_frame_records,
 )
 from pipelines.metrics.grasp_verdicts import Verdict
@@ -47,4 +47,4 @@ def test_another_json_file_is_refused(tmp_path):
 
 
 def test_thresholds_are_named_as_they_are_written_down():
-    assert [threshold_key(t) for t in (0.25, 0.067, 0.5)] == ["0.25", "0.067", "0.5"]
+    assert [number_key(t) for t in (0.25, 0.067, 0.5)] == ["0.25", "0.067", "0.5"]

@@ -6,7 +6,7 @@ from pipelines.evaluation.rows import KNOWN_ROWS, ordered_rows, report_row
 
 def test_rows_with_figures_in_the_paper_bear_its_name_of_the_method():
     tables = (published.GRASP_QUALITY, published.SYMMETRY_AP)
-    known = {row.method for table in tables for row in table}
+    known = {method for table in tables for method in table}
     named = {row.published for row in KNOWN_ROWS if row.published}
     assert {"Multi-Grasp", "GG-CNN"} <= named <= known
 

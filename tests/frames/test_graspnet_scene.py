@@ -230,10 +230,10 @@ def test_a_line_that_is_no_object_id_is_refused(tmp_path: Path, line: bytes) -> 
 
 def test_pose_arrays_must_be_transforms(tmp_path: Path) -> None:
     scene.write_pose_array(tmp_path / "camera_poses.npy", np.tile(np.eye(4), (5, 1, 1)))
-    assert scene.read_pose_array(tmp_path / "camera_poses.npy").shape == (5, 4, 4)
+    assert scene.read_pose_array(tmp_path / "camera_poses.npy", 3).shape == (5, 4, 4)
     np.save(tmp_path / "bad.npy", np.zeros((5, 3)))
     with pytest.raises(FormatError, match=r"\(5, 3\)"):
-        scene.read_pose_array(tmp_path / "bad.npy")
+        scene.read_pose_array(tmp_path / "bad.npy", 2)
 
 
 def test_rotations_of_few_decimals_are_made_exact_and_exact_ones_stay(

@@ -5,7 +5,6 @@ import pytest
 
 from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.frames.workspace_files import (
-    Workspace,
     parse_workspace,
     read_workspace_mask,
 )
@@ -13,10 +12,10 @@ from pipelines.storage.images import write_image
 
 
 def test_six_numbers_are_a_box_a_file_is_a_mask_nothing_is_everywhere(tmp_path):
-    assert parse_workspace("-0.1,0,0.4, .1 0.2,1e0") == Workspace((-0.1, 0, 0.4, 0.1, 0.2, 1))
+    assert parse_workspace("-0.1,0,0.4, .1 0.2,1e0") == ((-0.1, 0, 0.4, 0.1, 0.2, 1), None)
     write_image(tmp_path / "m.png", np.zeros((4, 5), np.uint8))
-    assert parse_workspace(str(tmp_path / "m.png")) == Workspace(mask=tmp_path / "m.png")
-    assert parse_workspace(None) == Workspace()
+    assert parse_workspace(str(tmp_path / "m.png")) == ((), tmp_path / "m.png")
+    assert parse_workspace(None) == ((), None)
 
 
 @pytest.mark.parametrize("text", ["", "no.png", "1,2,3", "1,2,3,4,5,6,7"])

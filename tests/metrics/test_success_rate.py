@@ -4,7 +4,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipelines.metrics.success_rate import SuccessRate
+from pipelines.metrics.success_rate import success_rate
+
+
+def interval(trials, held):
+    rate = success_rate(trials, held)
+    return rate["low"], rate["high"]
 
 
 @pytest.mark.parametrize(
@@ -18,7 +23,7 @@ from pipelines.metrics.success_rate import SuccessRate
     ],
 )
 def test_the_interval_is_wilsons(held, trials, low, high):
-    assert SuccessRate(trials, held).interval == pytest.approx((low, high), abs=5e-5)
+    assert interval(trials, held) == pytest.approx((low, high), abs=5e-5)
 
 
 counts = st.integers(1, 500).flatmap(lambda n: st.tuples(st.just(n), st.integers(0, n)))
@@ -26,27 +31,26 @@ counts = st.integers(1, 500).flatmap(lambda n: st.tuples(st.just(n), st.integers
 
 @given(counts)
 def test_the_interval_holds_the_rate_and_stays_within_0_to_1(count):
-    rate = SuccessRate(*count)
-    low, high = rate.interval
-    assert 0.0 <= low <= rate.rate <= high <= 1.0
+    low, high = interval(*count)
+    assert 0.0 <= low <= success_rate(*count)["rate"] <= high <= 1.0
     assert low < high
 
 
 @given(counts)
 def test_failures_have_the_mirrored_interval(count):
     trials, held = count
-    low, high = SuccessRate(trials, held).interval
-    assert SuccessRate(trials, trials - held).interval == pytest.approx((1 - high, 1 - low))
+    low, high = interval(trials, held)
+    assert interval(trials, trials - held) == pytest.approx((1 - high, 1 - low))
 
 
 @given(counts)
 def test_more_trials_of_the_same_rate_narrow_the_interval(count):
     trials, held = count
-    low, high = SuccessRate(trials, held).interval
-    lower, higher = SuccessRate(4 * trials, 4 * held).interval
+    low, high = interval(trials, held)
+    lower, higher = interval(4 * trials, 4 * held)
     assert higher - lower < high - low
 
 
 def test_no_trials_make_no_rate():
-    assert SuccessRate(0, 0).rate is None
-    assert SuccessRate(0, 0).interval == (None, None)
+    assert success_rate(0, 0)["rate"] is None
+    assert interval(0, 0) == (None, None)

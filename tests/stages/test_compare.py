@@ -30,6 +30,7 @@ from pipelines.evaluation.records import (
     FrameRecord,
     RowRecord,
     ScoredPredictions,
+    number_key,
     records_folder,
     write_frame_records,
 )
@@ -39,7 +40,6 @@ from pipelines.evaluation.trial_records import (
     FrameTrials,
     Outcome,
     TrialRecord,
-    friction_key,
     trials_folder,
     write_trials,
 )
@@ -297,7 +297,7 @@ def write_trials_run(folder: Path, held: float, frictions=(0.3, 0.5), **options)
     """
     path = folder / "success.json"
     stamp = make_stamp("simulate", {"lift": 0.15}, inputs={"grasps": folder.name})
-    keys, frames = [friction_key(friction) for friction in frictions], []
+    keys, frames = [number_key(friction) for friction in frictions], []
     for scene, split in SCENES.items():
         found = []
         for i in range(options.get("frames", 5)):

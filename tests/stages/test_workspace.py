@@ -37,7 +37,7 @@ def planned(**limits):
 def test_infer_takes_the_printed_box_and_keeps_every_region(found):
     _, result = found
     option, _, frame = result.options().rpartition(" --workspace-frame ")
-    box = parse_workspace(option.removeprefix("--workspace=")).box
+    box = parse_workspace(option.removeprefix("--workspace="))[0]
     assert frame == "table"
     assert len(planned(box=box, box_frame=frame).regions) == len(planned().regions) > 0
 

@@ -52,7 +52,6 @@ class LabelledGrasps:
     min_friction: Singles  # (n,) 0.1 .. 1.0, lower is better
 
     def __len__(self) -> int:
-        """Return the number of grasps."""
         return len(self.index)
 
 

@@ -30,19 +30,12 @@ def generate_views(count: int = NUM_VIEWS) -> Singles:
     return np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=1)
 
 
-def view_rotations(views: Floats | None = None, angles: Floats | None = None) -> Singles:
-    """Return the grasp rotations of every view at every angle.
+def view_rotations(angles: Floats = IN_PLANE_ANGLES) -> Singles:
+    """Return the grasp rotations (300, A, 3, 3) of every view at every one of `angles`, radians.
 
-    Args:
-        views: (V, 3) view directions; the template of 300 if not given.
-        angles: (A,) radians; k * pi / 12 if not given.
-
-    Returns:
-        (V, A, 3, 3) float32, columns approach, closing, approach x closing, object frame.
+    float32, columns approach, closing, approach x closing, object frame.
     """
-    views = generate_views() if views is None else views
-    angles = IN_PLANE_ANGLES if angles is None else angles
-    frames = _untwisted_frames(-views)  # (V, 3, 3)
+    frames = _untwisted_frames(-generate_views())  # (V, 3, 3)
     cosine, sine = np.cos(angles), np.sin(angles)
     twist = np.zeros((len(angles), 3, 3))
     twist[:, 0, 0] = 1.0
@@ -54,9 +47,6 @@ def view_rotations(views: Floats | None = None, angles: Floats | None = None) ->
 def _untwisted_frames(approach: Floats) -> Floats:
     """Return frames (V, 3, 3) with `approach` as first column and a level second column."""
     closing = np.stack([-approach[:, 1], approach[:, 0], np.zeros_like(approach[:, 0])], axis=1)
-    length = np.linalg.norm(closing, axis=1, keepdims=True)
-    upright = length[:, 0] == 0.0
-    closing[upright], length[upright] = (0.0, 1.0, 0.0), 1.0
-    closing = closing / length
+    closing = closing / np.linalg.norm(closing, axis=1, keepdims=True)  # no view is upright
     approach = approach / np.linalg.norm(approach, axis=1, keepdims=True)
     return np.stack([approach, closing, np.cross(approach, closing)], axis=2)

@@ -55,7 +55,6 @@ class PackedScene:
         coerce_columns(self, _spec(count), regions)
 
     def __len__(self) -> int:
-        """Return the number of regions."""
         return len(self.points)
 
 
@@ -161,7 +160,6 @@ class PackedReader:
         self._process = os.getpid()
 
     def __len__(self) -> int:
-        """Return the number of regions of all files."""
         return self._ends[-1]
 
     def __getitem__(self, index: int) -> PackedRegion:

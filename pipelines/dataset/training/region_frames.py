@@ -61,10 +61,7 @@ def read_posed_label(
 ) -> tuple[NDArray[np.uint8 | np.uint16], dict[int, Array]]:
     """Read the label image of a frame and the poses of its objects.
 
-    Args:
-        root: the dataset.
-        files: files of the frame.
-        shape: (H, W) of its depth image.
+    Of the size `shape` (H, W) of the depth image.
 
     Returns:
         The label (H, W), object id + 1, 0 = background; T_cam_obj (4, 4) by object id.
@@ -110,12 +107,8 @@ def split_frames(
 ) -> FrameSets:
     """Return the frames of most scenes to train on and of the others to validate on.
 
-    Args:
-        files: one a scene and camera, `scene_NNNN_CAMERA.h5`.
-        count: frames of a file.
-        fraction: of the scenes, drawn to validate on.
-        seed: of that draw.
-        held_out: the scenes to validate on, where they are given.
+    `files`: one a scene and camera, `scene_NNNN_CAMERA.h5`. `fraction` of the scenes is drawn to
+    validate on, unless these are given, `held_out`.
 
     Raises:
         ValueRangeError: there is only one scene.

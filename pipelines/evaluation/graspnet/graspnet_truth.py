@@ -30,19 +30,12 @@ KEPT_OBJECTS = 28  # in memory, a grid of 8 MB each; GraspNet-1Billion's splits 
 
 @dataclass(frozen=True)
 class SceneTruth:
-    """One scene seen by one camera.
-
-    Attributes:
-        root: the dataset.
-        files: of the scene.
-        exact: objects and poses as exactly as the dataset has them, or as the peer reads them.
-        T_table_cams: (n, 4, 4) of each frame's camera; the table's top is z = 0.
-    """
+    """One scene seen by one camera."""
 
     root: GraspNetRoot
     files: SceneFiles
-    exact: bool
-    T_table_cams: Array
+    exact: bool  # objects and poses as exactly as the dataset has them, or as the peer reads them
+    T_table_cams: Array  # (n, 4, 4) of each frame's camera; the table's top is z = 0
 
     @classmethod
     def read(cls, root: GraspNetRoot, files: SceneFiles, exact: bool) -> "SceneTruth":

@@ -18,7 +18,8 @@ from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.errors import SymgraspError
 from pipelines.evaluation.records import FrameRecord
 from pipelines.evaluation.rows import OURS, ordered_rows, report_row
-from pipelines.grasp_files.grasps_stream import GraspsIndex, read_index, read_results
+from pipelines.grasp_files.grasps_stream import read_index, read_results
+from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.metrics.grasp_verdicts import Verdict
 from pipelines.pictures.overlays import draw_overlay
 from pipelines.storage.images import encode_image
@@ -34,16 +35,10 @@ TAG_DISTANCE, SPREAD_STEPS = 44.0, 20  # pixels between the numbers of objects
 
 @dataclass(frozen=True)
 class Tag:
-    """One visible object of a picture: where it is, and what became of our grasp on it.
-
-    Attributes:
-        name: of the object.
-        place: (x, y) of its middle as shares of the picture's width and height.
-        verdict: on the row's grasp.
-    """
+    """One visible object of a picture: where it is, and what became of the row's grasp on it."""
 
     name: str
-    place: tuple[float, float]
+    place: tuple[float, float]  # (x, y) of its middle, shares of the picture's width and height
     verdict: Verdict
 
     @property
@@ -128,11 +123,11 @@ def draw_gallery(
     faults: dict[str, str] = {}
 
     def drawn(row: str, records: list[FrameRecord]) -> list[Picture]:
-        artist = _Artist(row, paths[row], read_index(paths[row]), root, names)
-        pictures = []
+        listed, pictures = read_index(paths[row]).dataset_names(paths[row]), []
         for record in records:
             try:
-                pictures.append(artist.draw(record))
+                result = next(read_results(paths[row], [listed.index(record.name)]))
+                pictures.append(_picture(record, row, result, root, names))
             except (SymgraspError, OSError) as error:
                 faults[record.name] = f"not in the gallery: {error}"
         return pictures
@@ -146,35 +141,25 @@ def draw_gallery(
     return Gallery(best, worst, others), faults
 
 
-@dataclass(frozen=True)
-class _Artist:
-    """Draws frames with the grasps of a row; `names`: of objects."""
-
-    row: str
-    grasps: Path
-    index: GraspsIndex
-    root: GraspNetRoot
-    names: Mapping[int, str]
-
-    def draw(self, record: FrameRecord) -> Picture:
-        files = self.root.frame(record.name)
-        place = self.index.dataset_names(self.grasps).index(record.name)
-        result = next(read_results(self.grasps, [place]))
-        label = self.root.read_label(files)
-        verdicts = record.rows[self.row].verdicts
-        masks = [label == verdict.object_id + 1 for verdict in verdicts]
-        left, top, right, bottom = window = _window(np.any(masks, axis=0))
-        picture = draw_overlay(self.root.read_frame(files), result)[top:bottom, left:right]
-        size = (WIDTH, round(WIDTH * picture.shape[0] / picture.shape[1]))
-        shown = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA))
-        places = _spread([_middle(mask, window) for mask in masks], size)
-        tags = [
-            Tag(self.names.get(v.object_id, f"object {v.object_id:03d}"), place, v)
-            for v, place in zip(verdicts, places, strict=True)
-        ]
-        jpeg = encode_image(shown, ".jpg", JPEG_QUALITY)
-        quality = mean_quality(record, self.row)
-        return Picture(record.name, record.split, quality, jpeg, size, tags)
+def _picture(
+    record: FrameRecord, row: str, result: FrameResult, root: GraspNetRoot, names: Mapping[int, str]
+) -> Picture:
+    """Return a frame with the grasps of a row, `result`; `names`: of objects."""
+    files = root.frame(record.name)
+    label = root.read_label(files)
+    verdicts = record.rows[row].verdicts
+    masks = [label == verdict.object_id + 1 for verdict in verdicts]
+    left, top, right, bottom = window = _window(np.any(masks, axis=0))
+    picture = draw_overlay(root.read_frame(files), result)[top:bottom, left:right]
+    size = (WIDTH, round(WIDTH * picture.shape[0] / picture.shape[1]))
+    shown = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA))
+    places = _spread([_middle(mask, window) for mask in masks], size)
+    tags = [
+        Tag(names.get(v.object_id, f"object {v.object_id:03d}"), place, v)
+        for v, place in zip(verdicts, places, strict=True)
+    ]
+    jpeg = encode_image(shown, ".jpg", JPEG_QUALITY)
+    return Picture(record.name, record.split, mean_quality(record, row), jpeg, size, tags)
 
 
 def _window(objects: Mask) -> tuple[int, int, int, int]:

@@ -60,13 +60,7 @@ Stamps = list[tuple[float, Recorded]]  # seconds of the image, and which it is
 
 @dataclass(frozen=True)
 class Topics:
-    """The topics of an RGB-D camera.
-
-    Attributes:
-        color: the topic of the colour images.
-        depth: the topic of the depth images.
-        camera: the topic of the depth's CameraInfo, None if there is none.
-    """
+    """The topics of an RGB-D camera; `camera`: of the depth's CameraInfo, if there is one."""
 
     color: str
     depth: str

@@ -35,29 +35,6 @@ class ExportGripper:
     is_the_one_checked: bool = True
     origin: str = "base"
 
-    @classmethod
-    def at(
-        cls,
-        tcp: str,
-        model: Gripper,
-        behind: float,
-        checked_with: str,
-        *,
-        is_the_one_checked: bool = True,
-    ) -> "ExportGripper":
-        """Return the gripper with its poses at the tool centre point `tcp`; empty for its base.
-
-        `behind`: metres from that base to the contact line.
-
-        Raises:
-            ValueRangeError: `tcp` is no name of a point, and no distance.
-        """
-        if not tcp:
-            return cls(model, behind, checked_with, is_the_one_checked)
-        origin = f"tool centre point ({tcp})"
-        behind = model.base_to_contacts - base_to_tool(tcp, model)
-        return cls(model, behind, checked_with, is_the_one_checked, origin)
-
     @property
     def words(self) -> str:
         """What the poses are of."""
@@ -91,30 +68,31 @@ class PoseFrame:
     axes: str = CAMERA_AXES
 
 
-def base_to_tool(tcp: str, model: Gripper) -> float:
-    """Return metres along approach from the gripper's base to the tool centre point `tcp`.
+def pose_origin(tcp: str, model: Gripper, behind: float) -> tuple[float, str]:
+    """Return metres along approach from the poses' origin to the contact line; the origin in words.
+
+    The origin is the tool centre point `tcp`; if that is empty, the base, `behind` metres away.
 
     Raises:
-        ValueRangeError: it is no name of a point, and no distance.
+        ValueRangeError: `tcp` is no name of a point, and no distance.
     """
-    named = {"tips": model.flange_to_tip, "contacts": model.base_to_contacts}
-    if tcp in named:
-        return named[tcp]
-    try:
-        distance = float(tcp)
-    except ValueError:
-        distance = np.nan
-    if not 0.0 <= distance <= LONGEST_TOOL:
-        raise ValueRangeError("--tcp", tcp, f"tips, contacts, or metres, 0 to {LONGEST_TOOL:g}")
-    return distance
+    if not tcp:
+        return behind, ExportGripper.origin
+    distance = {"tips": model.flange_to_tip, "contacts": model.base_to_contacts}.get(tcp)
+    if distance is None:
+        try:
+            distance = float(tcp)
+        except ValueError:
+            distance = np.nan
+        if not 0.0 <= distance <= LONGEST_TOOL:
+            raise ValueRangeError("--tcp", tcp, f"tips, contacts, or metres, 0 to {LONGEST_TOOL:g}")
+    return model.base_to_contacts - distance, f"tool centre point ({tcp})"
 
 
 def pose_frame(camera_to_base: Path | None, frame_id: str) -> PoseFrame:
     """Return the camera's frame, or the robot's base frame of a hand-eye calibration.
 
-    Args:
-        camera_to_base: file of the calibration.
-        frame_id: name of the frame in ROS; empty for the one that the file names, or the usual.
+    `frame_id`: name of the frame in ROS; empty for the one that the file names, or the usual.
 
     Raises:
         FormatError: the file is no hand-eye calibration.

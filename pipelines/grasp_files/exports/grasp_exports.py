@@ -52,14 +52,9 @@ class FrameGrasps:
         min_score: float = 0.0,
         frame: PoseFrame | None = None,
     ) -> "FrameGrasps":
-        """Return what is exported of a frame.
+        """Return what is exported of a frame: what `gripper` opens wide enough for.
 
-        Args:
-            result: the frame.
-            first_row: of its grasps in /grasps.
-            gripper: that must open wide enough.
-            min_score: least `rank_score`.
-            frame: of the poses; None for the camera's.
+        `first_row`: of its grasps in /grasps. `frame`: of the poses; None for the camera's.
 
         Raises:
             SymgraspError: a pose is not finite, or no rotation.

@@ -14,20 +14,12 @@ HERE = Path(__file__).parent
 
 @dataclass(frozen=True)
 class IndexEntry:
-    """A frame in the index: what became of it, and its page if there is one.
-
-    Attributes:
-        name: of the frame.
-        page: relative to the index; None where there is none.
-        picture: relative to the index; None where there is none.
-        words: what was found, or why there is no page.
-        failed: whether something is wrong with the frame.
-    """
+    """A frame in the index: what became of it, and its page and picture if there are such."""
 
     name: str
-    page: str | None
+    page: str | None  # relative to the index, as the picture
     picture: str | None
-    words: str
+    words: str  # what was found, or why there is no page
     failed: bool = False
 
 

@@ -19,17 +19,11 @@ from pipelines.synthesis.scenes.settling import refuse_bodiless
 
 @dataclass(frozen=True)
 class OwnModel:
-    """One mesh of a user.
-
-    Attributes:
-        name: name of the object.
-        path: path of its file.
-        scale: metres per unit of the file; None means 1 and refuses implausibly large meshes.
-    """
+    """One mesh of a user."""
 
     name: str
     path: Path
-    scale: float | None
+    scale: float | None  # metres per unit; None is 1 and refuses implausibly large meshes
 
     def as_object(self, seed: int) -> SyntheticObject:
         """Return the object for scenes, cut into convex pieces with `seed`.

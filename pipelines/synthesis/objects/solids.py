@@ -47,17 +47,6 @@ class Solid:
         body = self.body.transform(np.ascontiguousarray(T[:3]))
         return Solid(body, tuple(transform_points(T, piece) for piece in self.pieces))
 
-    def mirrored(self, axis: int) -> "Solid":
-        """Return the mirror image in the plane through the origin across `axis`."""
-        signs = np.ones(3)
-        signs[axis] = -1.0
-        return self.moved(np.diag(signs))
-
-    def centred(self) -> "Solid":
-        """Return the solid with the centre of its bounding box at the origin."""
-        box = np.array(self.body.bounding_box()).reshape(2, 3)
-        return self.moved(translation=-box.mean(axis=0))
-
     def mesh(self) -> Mesh:
         """Return the surface with long edges split, up to about MAX_FACES triangles.
 
@@ -126,12 +115,13 @@ def prism(outline: ArrayLike, height: float, pieces: Sequence[ArrayLike] | None 
     o = np.asarray(outline, np.float64)
     body = Manifold.extrude(CrossSection([o]), height).translate((0.0, 0.0, -height / 2.0))
     flats = [o] if pieces is None else [np.asarray(piece, np.float64) for piece in pieces]
-    return Solid(body, tuple(_between(flat, height) for flat in flats))
+    return Solid(body, tuple(on_levels(flat, -height / 2.0, height / 2.0) for flat in flats))
 
 
-def _between(outline: Array, height: float) -> Array:
-    flat = np.tile(outline, (2, 1))
-    return np.column_stack([flat, np.repeat([-height / 2.0, height / 2.0], len(outline))])
+def on_levels(outline: Array, first: float, second: float) -> Array:
+    """Return the points (2 k, 3) of `outline` (k, 2) at two heights, metres."""
+    heights = np.repeat([first, second], len(outline))
+    return np.column_stack([np.tile(outline, (2, 1)), heights])
 
 
 def bent_tube(path: Array, radii: ArrayLike, sides: int = 32, up: ArrayLike = (0, 0, 1)) -> Solid:

@@ -7,7 +7,7 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, transform_points, unit
 from pipelines.synthesis.objects.decomposition import hull_of_points
-from pipelines.synthesis.objects.solids import CORNERS
+from pipelines.synthesis.objects.solids import CORNERS, on_levels
 
 DEEPEST = 0.8  # of the distance from the camera to the table, so that the hand floats above it
 ARM_LENGTH = 0.6  # metres, which leave the picture
@@ -82,5 +82,4 @@ def _block(size: list[float], middle: list[float]) -> Array:
 
 def _drum(radius: float, low: float, high: float, sides: int) -> Array:
     angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
-    ring = radius * np.column_stack([np.cos(angle), np.sin(angle)])
-    return np.concatenate([np.column_stack([ring, np.full(sides, z)]) for z in (low, high)])
+    return on_levels(radius * np.column_stack([np.cos(angle), np.sin(angle)]), low, high)

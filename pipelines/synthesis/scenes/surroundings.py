@@ -13,6 +13,7 @@ from pipelines.array_types import Array, Mask
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, rotation_about
 from pipelines.synthesis.objects.decomposition import hull_of_points
+from pipelines.synthesis.objects.solids import on_levels
 
 # Angles of elevation, radians, between which cameras look into a container.
 INTO_BIN, INTO_TRAY = (np.radians(52.0), np.radians(85.0)), (np.radians(40.0), np.radians(80.0))
@@ -222,8 +223,7 @@ def column(radius: float, sides: int, low: float, high: float) -> Mesh:
 
 def _prism(outline: Array, first: float, second: float) -> Mesh:
     """Return the upright prism of a convex `outline` (n, 2) between two heights, metres."""
-    levels = [np.column_stack([outline, np.full(len(outline), z)]) for z in (first, second)]
-    return hull_of_points(np.concatenate(levels))
+    return hull_of_points(on_levels(outline, first, second))
 
 
 def _reach(footprint: Array, azimuth: float) -> float:

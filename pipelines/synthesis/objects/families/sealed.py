@@ -26,6 +26,7 @@ from pipelines.synthesis.objects.solids import (
     bent_tube,
     box,
     hull,
+    on_levels,
     prism,
     solid_of,
     tube_faces,
@@ -114,13 +115,9 @@ def cookie_cutter(rng: Rng) -> Shape:
     inner = outer - wall * ray
     section = CrossSection([outer]) - CrossSection([inner])
     body = Manifold.extrude(section, h).translate((0, 0, -h / 2))
-    pieces = []
-    for k in range(len(angle)):
-        four = np.concatenate([outer[[k, k - 1]], inner[[k, k - 1]]])
-        pieces.append(
-            np.concatenate([np.column_stack([four, np.full(4, z)]) for z in (-h / 2, h / 2)])
-        )
-    return Shape(Solid(body, tuple(pieces)), polygon_symmetries(lobes, level=True))
+    fours = [np.concatenate([outer[[k, k - 1]], inner[[k, k - 1]]]) for k in range(len(angle))]
+    pieces = tuple(on_levels(four, -h / 2, h / 2) for four in fours)
+    return Shape(Solid(body, pieces), polygon_symmetries(lobes, level=True))
 
 
 def horseshoe(rng: Rng) -> Shape:
@@ -186,16 +183,12 @@ def peanut(rng: Rng) -> Shape:
     cosine = np.cos(2 * angle)
     radius = a * np.sqrt(cosine + np.sqrt(b**4 - np.sin(2 * angle) ** 2))
     z, r = radius * np.cos(angle), radius * np.sin(angle) * rng.uniform(0.9, 1.2)
-    turn = _on_circle(64)
-    rings = np.stack(
-        [
-            np.column_stack(
-                [max(ri, 5e-4) * np.cos(turn), max(ri, 5e-4) * np.sin(turn), np.full(64, zi)]
-            )
-            for ri, zi in zip(r[::-1], z[::-1], strict=True)
-        ]
-    )
-    return Shape(_loft(rings, 12), revolution(level=True))
+    ray = np.column_stack([np.cos(_on_circle(64)), np.sin(_on_circle(64))])
+    rings = [
+        np.column_stack([max(ri, 5e-4) * ray, np.full(64, zi)])
+        for ri, zi in zip(r[::-1], z[::-1], strict=True)
+    ]
+    return Shape(_loft(np.stack(rings), 12), revolution(level=True))
 
 
 def slipper(rng: Rng) -> Shape:

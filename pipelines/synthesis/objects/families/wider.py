@@ -18,7 +18,15 @@ from pipelines.synthesis.objects.shape import (
     polygon_symmetries,
     revolution,
 )
-from pipelines.synthesis.objects.solids import Solid, bent_tube, box, hull, prism, rounded_box
+from pipelines.synthesis.objects.solids import (
+    Solid,
+    bent_tube,
+    box,
+    hull,
+    on_levels,
+    prism,
+    rounded_box,
+)
 
 
 def _profile(rng: Rng, radius: float, height: float, knots: int) -> Array:
@@ -99,7 +107,8 @@ def heap(rng: Rng) -> Shape:
 
 def _turned_piece(rng: Rng) -> Solid:
     """Return a small turned body about the origin."""
-    return lathe(_profile(rng, 0.014, rng.uniform(0.03, 0.06), 4), 28, slabs=4).centred()
+    solid = lathe(_profile(rng, 0.014, rng.uniform(0.03, 0.06), 4), 28, slabs=4)
+    return Shape(solid).centred().solid
 
 
 def pan(rng: Rng) -> Shape:
@@ -118,7 +127,7 @@ def pot(rng: Rng) -> Shape:
     r, h = rng.uniform(0.035, 0.05), rng.uniform(0.04, 0.08)
     wall, thick = rng.uniform(0.0025, 0.004), rng.uniform(0.004, 0.006)
     bow = handle(r - 0.5 * wall, 0.45 * h, 0.85 * h, rng.uniform(0.014, 0.022), thick)
-    return Shape(vessel(r, h, 1.0, wall) | bow | bow.mirrored(0), mirror_axes("xy"))
+    return Shape(vessel(r, h, 1.0, wall) | bow | bow.moved(np.diag([-1, 1, 1])), mirror_axes("xy"))
 
 
 def bucket(rng: Rng) -> Shape:
@@ -162,7 +171,8 @@ def spanner(rng: Rng) -> Shape:
     cheek += [(0.8 * jaw, 0.6 * jaw)]
     upper = prism(cheek[::-1], 1.2 * thick).moved(translation=(length / 2 - 0.5 * jaw, 0, 0))
     root = box((1.4 * jaw, 2.0 * jaw, 1.2 * thick)).moved(translation=(length / 2, 0, 0))
-    return Shape(bar | root | upper | upper.mirrored(1), mirror_axes("yz"))
+    lower = upper.moved(np.diag([1, -1, 1]))
+    return Shape(bar | root | upper | lower, mirror_axes("yz"))
 
 
 def pliers(rng: Rng) -> Shape:
@@ -220,20 +230,15 @@ def nut(rng: Rng) -> Shape:
     sides = int(rng.choice([4, 6, 8]))
     r, h = rng.uniform(0.024, 0.045), rng.uniform(0.012, 0.035)
     hole = r * np.cos(np.pi / sides) * rng.uniform(0.45, 0.7)
-    outer = prism(regular_polygon(sides, r), h)
-    drilled = outer.body - cylinder(hole, 2.0 * h).body
     corners = regular_polygon(sides, r)
+    drilled = prism(corners, h).body - cylinder(hole, 2.0 * h).body
     angle = 2 * np.pi / sides
     pieces = []
     for k in range(sides):
         arc = k * angle + np.linspace(0.0, angle, 4)
         inside = hole * np.column_stack([np.cos(arc), np.sin(arc)])
         flat = np.concatenate([corners[[k, (k + 1) % sides]], inside])
-        pieces.append(
-            np.concatenate(
-                [np.column_stack([flat, np.full(len(flat), z)]) for z in (-h / 2, h / 2)]
-            )
-        )
+        pieces.append(on_levels(flat, -h / 2, h / 2))
     return Shape(Solid(drilled, tuple(pieces)), polygon_symmetries(sides, level=True))
 
 

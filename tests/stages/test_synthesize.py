@@ -129,7 +129,8 @@ def test_surroundings_are_written_beside_the_scene_and_read_as_obstacles(tmp_pat
     assert len(walls) >= 5
     assert all(wall.is_watertight for wall in walls)
     read = TruthReader(GraspNetRoot(tmp_path), EvaluateConfig())
-    assert len(read._surroundings(GraspNetRoot(tmp_path).scene(0))) == len(walls)
+    _, obstacles = read._camera_and_surroundings(GraspNetRoot(tmp_path).scene(0))
+    assert len(obstacles) == len(walls)
 
 
 def test_a_plain_scene_has_no_surroundings_and_its_stamp_no_scenery(root):

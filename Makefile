@@ -99,7 +99,7 @@ ablations: install $(EVAL)/dataset.made ## table IV, each part left out in turn,
 	@echo "table: $(ABLATIONS)/ablations.md"
 
 SIZE := full
-weights: install ## all default weights from nothing, in build/weights; SIZE=tiny in minutes
+weights: install ## all default weights from nothing, in build/weights; SIZE=small in hours, tiny in minutes
 	SYMGRASP=$(SYMGRASP) tools/make_weights.sh build/weights/$(SIZE) $(SIZE)
 
 weights-paper: install ## both networks as the paper prints them, in build/weights-paper; COCO=FILE to start from

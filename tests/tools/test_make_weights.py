@@ -62,4 +62,4 @@ def test_another_size_is_wrong_usage(tmp_path):
         ["sh", SCRIPT, "out", "huge"], capture_output=True, text=True, check=False
     )
     assert (made.returncode, made.stdout) == (2, "")
-    assert "it must be full or tiny" in made.stderr
+    assert "it must be full, small or tiny" in made.stderr

@@ -8,6 +8,7 @@ import sys
 import time
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import psutil
 import pytest
@@ -21,6 +22,7 @@ from pipelines.storage.files import read_json, write_json
 from pipelines.storage.provenance import make_stamp
 
 QUIET = BatchOptions(progress=False)
+ROOT = Path(__file__).resolve().parents[2]
 PLANAR = InferConfig(regions="geometric", method="planar")
 MODULES = {"dask": "distributed", "ray": "ray"}
 
@@ -159,20 +161,6 @@ def test_workers_and_their_trackers_end_with_a_parent_that_is_killed():
     assert not left
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere ray ends its agents itself")
-def test_rays_agents_end_within_seconds_with_an_owner_that_is_killed():
-    pytest.importorskip("ray", reason="the extra `ray` is not installed")
-    owner = PARENT.replace('"loky"', '"ray"')
-    with subprocess.Popen([sys.executable, "-c", owner], stdout=subprocess.PIPE) as parent:
-        while not (line := parent.stdout.readline())[:1].isdigit():
-            assert line
-        children = psutil.Process(parent.pid).children(recursive=True)
-        assert len(children) > 3
-        parent.kill()
-    _, left = psutil.wait_procs(children, timeout=20)
-    assert not left
-
-
 @pytest.fixture(scope="module")
 def frames(tmp_path_factory):
     from tests.geometry.tabletops import Box, Can
@@ -264,16 +252,46 @@ def test_dask_writes_the_same_bytes_with_1_2_and_3_workers(client, frames, alone
         assert output.read_bytes() == alone
 
 
-def test_rays_workers_see_every_gpu_and_write_the_same_bytes(frames, alone, tmp_path, monkeypatch):
-    options, ray = ray_of(2), pytest.importorskip("ray")
-    monkeypatch.setattr(ray, "init", partial(ray.init, num_gpus=1))
-    monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
-    output = frames.parent / "ray.h5"
+def own_a_ray_cluster(frames, output, folder):
+    """Do two batches with one cluster, then wait to be killed."""
+    import ray
+
+    ray.init = partial(ray.init, num_gpus=1)
+    options = ray_of(2)
     with workers_of("ray", 2):  # both batches find it there, as one after the other in a program
-        assert_others_do_all_but_the_bad_item(options, tmp_path)
+        assert_others_do_all_but_the_bad_item(options, folder)
         find_grasps(frames, output, options)
+        assert not logging.getLogger("ray.util").isEnabledFor(logging.WARNING)  # says nothing
+        sys.stdout.write("done\n")
+        sys.stdout.flush()
+        time.sleep(600)
+
+
+OWNER = """
+import sys
+from pathlib import Path
+from tests.runtime.test_clusters import own_a_ray_cluster
+own_a_ray_cluster(*map(Path, sys.argv[1:]))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere ray ends its agents itself")
+def test_rays_workers_write_the_same_bytes_and_end_with_a_killed_owner(frames, alone, tmp_path):
+    pytest.importorskip("ray", reason="the extra `ray` is not installed")
+    output = frames.parent / "ray.h5"
+    command = [sys.executable, "-c", OWNER, frames, output, tmp_path]
+    environment = {name: os.environ[name] for name in set(os.environ) - {"CUDA_VISIBLE_DEVICES"}}
+    with subprocess.Popen(
+        command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True
+    ) as owner:
+        while (line := owner.stdout.readline()) != "done\n":
+            assert line
+        children = psutil.Process(owner.pid).children(recursive=True)
+        assert len(children) > 3
+        owner.kill()
+    _, left = psutil.wait_procs(children, timeout=20)
+    assert not left
     assert output.read_bytes() == alone
-    assert not logging.getLogger("ray.util").isEnabledFor(logging.WARNING)  # no lines of its own
     assert {read_json(tmp_path / f"{name}.json")["gpus"] for name in "ab"} == {"all"}
 
 

@@ -36,6 +36,14 @@ def shared() -> Path:
 
 
 @pytest.fixture(scope="session", autouse=True)
+def files_are_not_synced() -> Iterator[None]:
+    """Leave files in the system's cache: no test cuts the power, and a disk takes milliseconds."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda _descriptor: None)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
 def loops_are_compiled_by_one_worker(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Let a worker that needs a loop which another compiles wait, and load what is kept then."""
     if "PYTEST_XDIST_WORKER" not in os.environ:

@@ -167,12 +167,9 @@ def cell_numbers(contacts: Array, merge_distance: float) -> NDArray[np.uint64]:
 
 def _near(grasps: GraspPoses, others: GraspPoses, distance: float) -> Mask:
     """Return which `grasps` have the contacts of one of `others`, fingers in either order."""
+    either = np.stack([grasps.contacts, grasps.contacts[:, ::-1]]).reshape(2, -1, 6)
     tree = KDTree(others.contacts.reshape(-1, 6))
-    found = np.zeros(len(grasps), dtype=bool)
-    for pair in (grasps.contacts, grasps.contacts[:, ::-1]):
-        reach = tree.query(pair.reshape(-1, 6), distance_upper_bound=distance)[0]
-        found |= np.isfinite(reach)
-    return found
+    return np.isfinite(tree.query(either, distance_upper_bound=distance)[0]).any(axis=0)
 
 
 def _ordered(contacts: Array, cell: float) -> Indices:

@@ -123,37 +123,31 @@ class Work:
 def infer_frame(item: WorkItem, settings: Settings) -> str | None:
     """Write the shard of one frame; return a note where it is empty."""
     with settings.one_core():
-        return _infer_frame(item, settings)
-
-
-def _infer_frame(item: WorkItem, settings: Settings) -> str | None:
-    (source,) = item.arguments
-    # Before the frame is read: of a file that changes meanwhile the result counts as stale.
-    signatures = inputs_of(item).signatures()
-    frame = source.read()
-    folder = settings.paths.masks
-    masks = None if folder is None else read_masks(folder, source.name)
-    if masks is not None and masks.shape != frame.depth.shape:
-        raise ValueRangeError(
-            f"size of the masks of {source.name}", masks.shape, f"{frame.depth.shape}"
-        )
-    path = settings.paths.workspace
-    workspace = None if path is None else read_workspace_mask(path, frame.depth.shape)
-    # They are drawn on the images as taken.
-    masks, workspace = (None if x is None else frame.laid_on(x) for x in (masks, workspace))
-    rng = np.random.default_rng(settings.seed)
-    result = settings.planner().plan(frame, rng, masks, workspace)
-    result = replace(
-        result, name=source.name, seconds=result.seconds if settings.timings else np.nan
-    )
-    picture = settings.paths.overlays and overlay_path(settings.paths.overlays, source.name)
-    if picture is not None:
-        with writing(picture):
-            write_overlay(picture, frame, result, item.stamp)
-    with writing(item.target):
-        stamp = replace(item.stamp, recorded={"files": signatures})
-        grasps_file.write(item.target, [result], stamp)
-    return "; ".join(filter(None, (*oddities(frame), result.message))) or None
+        (source,) = item.arguments
+        # Before the frame is read: of a file that changes meanwhile the result counts as stale.
+        signatures = inputs_of(item).signatures()
+        frame = source.read()
+        folder = settings.paths.masks
+        masks = None if folder is None else read_masks(folder, source.name)
+        if masks is not None and masks.shape != frame.depth.shape:
+            size = f"size of the masks of {source.name}"
+            raise ValueRangeError(size, masks.shape, f"{frame.depth.shape}")
+        path = settings.paths.workspace
+        workspace = None if path is None else read_workspace_mask(path, frame.depth.shape)
+        # They are drawn on the images as taken.
+        masks, workspace = (None if x is None else frame.laid_on(x) for x in (masks, workspace))
+        rng = np.random.default_rng(settings.seed)
+        result = settings.planner().plan(frame, rng, masks, workspace)
+        seconds = result.seconds if settings.timings else np.nan
+        result = replace(result, name=source.name, seconds=seconds)
+        if settings.paths.overlays is not None:
+            picture = overlay_path(settings.paths.overlays, source.name)
+            with writing(picture):
+                write_overlay(picture, frame, result, item.stamp)
+        with writing(item.target):
+            stamp = replace(item.stamp, recorded={"files": signatures})
+            grasps_file.write(item.target, [result], stamp)
+        return "; ".join(filter(None, (*oddities(frame), result.message))) or None
 
 
 @contextmanager

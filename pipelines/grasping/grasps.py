@@ -57,10 +57,9 @@ class GraspPoses:
         R = np.asarray(self.rotation, np.float64).reshape(-1, 3, 3)
         t = np.asarray(self.translation, np.float64).reshape(-1, 3)
         d = np.asarray(self.width, np.float64).reshape(-1)
-        if not len(R) == len(t) == len(d):
-            raise ValueRangeError(
-                "numbers of rotations, translations and widths", (len(R), len(t), len(d)), "equal"
-            )
+        counts = len(R), len(t), len(d)
+        if len(set(counts)) > 1:
+            raise ValueRangeError("numbers of rotations, translations and widths", counts, "equal")
         if not are_rotations(R):
             raise ValueRangeError("rotation", "not a rotation", "orthonormal, determinant +1")
         vars(self).update(rotation=R, translation=t, width=d)
@@ -95,9 +94,8 @@ class GraspPoses:
         a, width = unit(a), np.linalg.norm(line, axis=1)
         rotation = np.stack([a, closing, cross(a, closing)], -1)
         if not ((width > 0.0).all() and np.isfinite(rotation).all()):
-            raise ValueRangeError(
-                "contacts", "no line between them", "two points, apart and finite"
-            )
+            expected = "two points, apart and finite"
+            raise ValueRangeError("contacts", "no line between them", expected)
         return cls.unchecked(rotation, 0.5 * (pair[:, 0] + pair[:, 1]), width)
 
     @classmethod

@@ -80,7 +80,7 @@ def grasp_table(plans: list[Plan], config: InferConfig, ranker: str) -> GraspTab
     sources = [plan.sources(grasps.slot) for plan, grasps in zip(plans, kept, strict=True)]
     counts = [len(grasps) for grasps in kept]
     every = RankedGrasps.concatenate([RankedGrasps.empty(), *kept])
-    rankers = np.full(len(every), ranker, object)
+    scores, rankers = every.rank_score.astype(np.float32), np.full(len(every), ranker, object)
     return GraspTable(
         region=np.repeat(np.arange(len(kept)), counts),
         rotation=every.grasps.rotation,
@@ -95,9 +95,7 @@ def grasp_table(plans: list[Plan], config: InferConfig, ranker: str) -> GraspTab
         enclosed_height=every.enclosed_height,
         rank_score=every.rank_score,
         ranker=rankers,
-        worth_trying=are_worth_trying(
-            rankers, every.rank_score.astype(np.float32), config.weak_below
-        ),
+        worth_trying=are_worth_trying(rankers, scores, config.weak_below),
         is_best=np.concatenate([np.zeros(0, bool), *(np.arange(n) == 0 for n in counts)]),
     )
 

@@ -17,7 +17,7 @@ from pipelines.grasping.symmetries.completion import completions
 from pipelines.grasping.symmetries.grounding import SymmetryCritics, ground_symmetries
 
 if TYPE_CHECKING:
-    from pipelines.network.predictor import GraspPredictor, RegionPrediction
+    from pipelines.network.predictor import GraspPredictor
 
 NUM_FITTED_POINTS = 1500  # of a region that are grasped without a network, as many as with one
 
@@ -39,20 +39,18 @@ class PredictedRegion:
     affordance: Array
     slots: SymmetrySlots
 
-    @classmethod
-    def of(cls, cloud: RegionCloud, prediction: "RegionPrediction") -> "PredictedRegion":
-        """Return the region `cloud` with the mean of what its points predict."""
-        affordance = np.asarray(prediction.affordance, np.float64)
-        slots = mean_slots(prediction.existence, prediction.center, prediction.direction)
-        return cls(cloud[prediction.index], affordance, slots)
-
 
 def predicted_regions(
     clouds: Sequence[RegionCloud], table: Plane | None, predictor: "GraspPredictor"
 ) -> list[PredictedRegion]:
     """Return the predictions for `clouds` on `table`, camera frame."""
     predictions = predictor.predict([cloud.points for cloud in clouds], table)
-    return [PredictedRegion.of(*each) for each in zip(clouds, predictions, strict=True)]
+    regions = []
+    for cloud, each in zip(clouds, predictions, strict=True):
+        affordance = np.asarray(each.affordance, np.float64)
+        slots = mean_slots(each.existence, each.center, each.direction)
+        regions.append(PredictedRegion(cloud[each.index], affordance, slots))
+    return regions
 
 
 def compared_regions(
@@ -74,14 +72,10 @@ def region_models(
     critics: SymmetryCritics | None,
 ) -> list[RegionModel]:
     """Return the models of all regions of a frame; without critics, symmetries as predicted."""
-    if critics is None:
-        symmetries = [each.slots for each in predicted]
-    else:
-        candidates = config.symmetry.candidates
-        symmetries = [
-            ground_symmetries(each.slots, each.cloud, scene, critics, candidates)
-            for each in predicted
-        ]
+    symmetries = [each.slots for each in predicted]
+    if critics is not None:
+        others = scene, critics, config.symmetry.candidates
+        symmetries = [ground_symmetries(p.slots, p.cloud, *others) for p in predicted]
     clouds, resolution = [each.cloud for each in predicted], config.feasibility.scene_resolution
     unseen = completions(clouds, scene, symmetries, config.symmetry, resolution)
     return [

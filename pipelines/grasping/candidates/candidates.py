@@ -56,9 +56,8 @@ class GraspCandidates:
     @classmethod
     def none(cls, angles: Array, source: str) -> "GraspCandidates":
         """Return no contact pairs."""
-        return cls.without_symmetry(
-            np.zeros((0, 2, 3)), np.zeros((0, 3)), angles, np.zeros(0), source
-        )
+        pairs, approach = np.zeros((0, 2, 3)), np.zeros((0, 3))
+        return cls.without_symmetry(pairs, approach, angles, np.zeros(0), source)
 
     def __len__(self) -> int:
         return len(self.quality)
@@ -144,32 +143,21 @@ def random_candidates(
     Both normals are within 40 degrees of the line between the points, where such pairs are
     seen from one side; where none is drawn, all pairs are returned, the least bad first.
     """
-    contacts = _drawn_pairs(region, feasibility.widths, config, rng)
-    approach = np.broadcast_to(base_approach(region, feasibility.scene), (len(contacts), 3))
-    angles = every_angle(config.num_approach_angles)
-    return GraspCandidates.without_symmetry(
-        contacts, approach, angles, np.ones(len(contacts)), "random"
-    )
-
-
-def _drawn_pairs(
-    region: RegionCloud,
-    widths: tuple[float, float],
-    config: CandidateConfig,
-    rng: np.random.Generator,
-) -> Array:
-    """Return (n, 2, 3) pairs of the region's points within `widths`, the least and the greatest."""
     first, second = rng.integers(0, len(region), (2, DRAWS))
     contacts = np.stack([region.points[first], region.points[second]], 1)
-    line = unit(contacts[:, 1] - contacts[:, 0])
+    line = contacts[:, 1] - contacts[:, 0]
+    along, width = unit(line), np.linalg.norm(line, axis=1)
     cosine = np.minimum(
-        -np.einsum("ni,ni->n", line, region.normals[first]),
-        np.einsum("ni,ni->n", line, region.normals[second]),
+        -np.einsum("ni,ni->n", along, region.normals[first]),
+        np.einsum("ni,ni->n", along, region.normals[second]),
     )
-    width = np.linalg.norm(contacts[:, 1] - contacts[:, 0], axis=1)
-    fits = (width >= widths[0]) & (width <= widths[1])
+    narrow, wide = feasibility.widths
+    fits = (width >= narrow) & (width <= wide)
     chosen = np.flatnonzero(fits & (cosine > LEAST_COSINE))
     if not len(chosen):  # nothing antipodal is seen
         order = np.argsort(-cosine, kind="stable")
         chosen = order[fits[order]]
-    return np.asarray(contacts[chosen[: config.max_pairs]])
+    contacts = contacts[chosen[: config.max_pairs]]
+    approach = np.broadcast_to(base_approach(region, feasibility.scene), (len(contacts), 3))
+    angles, quality = every_angle(config.num_approach_angles), np.ones(len(contacts))
+    return GraspCandidates.without_symmetry(contacts, approach, angles, quality, "random")

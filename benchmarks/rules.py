@@ -20,7 +20,7 @@ from pipelines.configs.settings import changed, settings_of
 from pipelines.errors import UnknownNameError
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SymmetrySlots
 from pipelines.grasping.planner import Pass, RegionPlanner
-from pipelines.grasping.symmetries.axis_candidates import starting_axes
+from pipelines.grasping.symmetries.grounding import starting_axes
 from pipelines.grasping.symmetries.plane_candidates import candidate_planes
 
 Kind = TypeVar("Kind")

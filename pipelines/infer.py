@@ -21,16 +21,20 @@ from pipelines.errors import StaleOutputError
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_stream import read_results
-from pipelines.inference.earlier import (
+from pipelines.inference.pictures import draw_missing, of_output
+from pipelines.inference.run_settings import InferPaths, Settings, check_names
+from pipelines.inference.side_by_side import load, side_by_side
+from pipelines.inference.work import (
+    STAGE,
+    Work,
     earlier_frames,
+    finished_of,
+    infer_frame,
+    overlay_path,
     refuse_other_settings,
     refuse_others_work,
     refuse_stale,
 )
-from pipelines.inference.pictures import draw_missing, of_output
-from pipelines.inference.run_settings import InferPaths, Settings, check_names
-from pipelines.inference.side_by_side import load, side_by_side
-from pipelines.inference.work import STAGE, Work, finished_of, infer_frame, overlay_path
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.provenance import is_finished

@@ -17,12 +17,11 @@ from pipelines.configs import InferConfig, WatchConfig
 from pipelines.dataset.chosen_frames import ALL_FRAMES, ChosenFrames
 from pipelines.errors import SymgraspError
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
-from pipelines.inference.earlier import refuse_others_work
 from pipelines.inference.following import Followed, Follower
 from pipelines.inference.run_settings import InferPaths, Settings, check_names
 from pipelines.inference.side_by_side import side_by_side
 from pipelines.inference.watching import Clock
-from pipelines.inference.work import STAGE, Work
+from pipelines.inference.work import STAGE, Work, refuse_others_work
 from pipelines.runtime.batch import BatchOptions, StageReport
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.runtime.stopping import Reason, StopSignals

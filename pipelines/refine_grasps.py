@@ -36,7 +36,7 @@ from pipelines.dataset.training.affordance_labels import AffordanceLabels, Refin
 from pipelines.errors import SymgraspError
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.grasping.grasps import GraspPoses
-from pipelines.grasping.rated_grasps import BestOfPlaces, GraspSample, RatedGrasps
+from pipelines.grasping.rated_grasps import GraspSample, RatedGrasps, best_of_places
 from pipelines.mesh_symmetry.detection.surface import Surface
 from pipelines.refinement.copies import PLACE_SHARE, Copier, closed_contacts
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
@@ -122,14 +122,14 @@ def exact_grasps(
 ) -> ExactGrasps:
     """Return the labelled grasps that hold, with exact contacts; `label` comes in pieces."""
     sample = GraspSample(config.merge_distance, config.max_grasps, seed)
-    best, count = BestOfPlaces(config.contact_radius * PLACE_SHARE), 0
+    best, count = RatedGrasps.empty(), 0
     for piece in label:
         holding = holding_grasps(piece, config.max_friction)
         count += len(holding)
         closed = _closed(mesh, holding)
         sample.add(closed)
-        best.add(closed)
-    return ExactGrasps(sample.result(), best.result(), count, sample.num_distinct)
+        best = best_of_places([best, closed], config.contact_radius * PLACE_SHARE)
+    return ExactGrasps(sample.result(), best, count, sample.num_distinct)
 
 
 def _closed(mesh: Mesh, holding: LabelledGrasps) -> RatedGrasps:

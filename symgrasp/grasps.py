@@ -12,9 +12,8 @@ from pipelines.errors import SymgraspError, UnknownNameError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import nearest_orthogonal
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable
-from pipelines.grasping.grasps import GraspPoses
+from pipelines.grasping.grasps import CLOSING_ALONG_X, CLOSING_ALONG_Y, GraspPoses, gripper_poses
 from pipelines.grasping.gripper import Gripper
-from pipelines.grasping.gripper_poses import CLOSING_ALONG_X, CLOSING_ALONG_Y, gripper_poses
 from symgrasp.found import FoundRegion, FoundSymmetry, regions_of
 
 Convention = Literal["closing_y", "closing_x"]

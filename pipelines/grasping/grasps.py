@@ -10,7 +10,7 @@ approach, and its width is the opening. `to_graspnet` and `from_graspnet` own th
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,7 @@ from pipelines.errors import ValueRangeError
 from pipelines.geometry.transforms import (
     basis_from_direction,
     cross,
+    make_pose,
     rotate_vectors,
     transform_points,
     unit,
@@ -31,6 +32,11 @@ GRASPNET_HEIGHT = 0.02  # metres; the column that graspnetAPI ignores
 GRASPNET_DEPTH = 0.02  # metres from GraspNet's origin to the finger tips
 ROTATION_TOLERANCE = 1e-4
 PARALLEL = 1e-6  # sine below which an approach runs along the contact line
+# The x, y, z of a gripper's base, as columns in the grasp frame. Both have z = approach.
+# Closing along x: Contact-GraspNet, 6-DOF GraspNet, ACRONYM, GraspGen.
+CLOSING_ALONG_X = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+# Closing along y: the links of grippers, as `panda_hand`; MoveIt, ROS and Isaac move these.
+CLOSING_ALONG_Y = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
 
 
 @dataclass(frozen=True)
@@ -51,21 +57,18 @@ class GraspPoses:
         R = np.asarray(self.rotation, np.float64).reshape(-1, 3, 3)
         t = np.asarray(self.translation, np.float64).reshape(-1, 3)
         d = np.asarray(self.width, np.float64).reshape(-1)
-        if not len(R) == len(t) == len(d):
-            raise ValueRangeError(
-                "numbers of rotations, translations and widths", (len(R), len(t), len(d)), "equal"
-            )
+        counts = len(R), len(t), len(d)
+        if len(set(counts)) > 1:
+            raise ValueRangeError("numbers of rotations, translations and widths", counts, "equal")
         if not are_rotations(R):
             raise ValueRangeError("rotation", "not a rotation", "orthonormal, determinant +1")
-        for name, value in (("rotation", R), ("translation", t), ("width", d)):
-            object.__setattr__(self, name, value)
+        vars(self).update(rotation=R, translation=t, width=d)
 
     @classmethod
     def unchecked(cls, rotation: Array, translation: Array, width: Array) -> "GraspPoses":
         """Return the grasps with these float64 attributes, which are known to be sound."""
         grasps = object.__new__(cls)
-        for name, value in (("rotation", rotation), ("translation", translation), ("width", width)):
-            object.__setattr__(grasps, name, value)
+        vars(grasps).update(rotation=rotation, translation=translation, width=width)
         return grasps
 
     @classmethod
@@ -91,21 +94,15 @@ class GraspPoses:
         a, width = unit(a), np.linalg.norm(line, axis=1)
         rotation = np.stack([a, closing, cross(a, closing)], -1)
         if not ((width > 0.0).all() and np.isfinite(rotation).all()):
-            raise ValueRangeError(
-                "contacts", "no line between them", "two points, apart and finite"
-            )
+            expected = "two points, apart and finite"
+            raise ValueRangeError("contacts", "no line between them", expected)
         return cls.unchecked(rotation, 0.5 * (pair[:, 0] + pair[:, 1]), width)
 
     @classmethod
     def concatenate(cls, parts: Sequence["GraspPoses"]) -> "GraspPoses":
         """Return all grasps of `parts`, in order."""
-        if not parts:
-            return cls.empty()
-        return cls(
-            np.concatenate([part.rotation for part in parts]),
-            np.concatenate([part.translation for part in parts]),
-            np.concatenate([part.width for part in parts]),
-        )
+        names, parts = (field.name for field in fields(cls)), [cls.empty(), *parts]
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
     def __len__(self) -> int:
         return len(self.width)
@@ -201,3 +198,15 @@ def from_graspnet(rows: ArrayLike, *, tip_reach: float = 0.0) -> GraspPoses:
     rotation = rows[:, 4:13].reshape(-1, 3, 3)
     forward = (rows[:, 3] - tip_reach)[:, None] * rotation[:, :, 0]
     return GraspPoses(rotation, rows[:, 13:16] + forward, rows[:, 1])
+
+
+def gripper_poses(grasps: GraspPoses, base_to_contacts: float, axes: Array) -> Array:
+    """Return (n, 4, 4) poses: base of the gripper, for robot programs, to the frame of `grasps`.
+
+    Args:
+        grasps: in any frame.
+        base_to_contacts: metres along approach, from the base's origin to the contact line.
+        axes: (3, 3), `CLOSING_ALONG_X` or `CLOSING_ALONG_Y`.
+    """
+    behind = grasps.translation - base_to_contacts * grasps.approach
+    return make_pose(grasps.rotation @ axes, behind)

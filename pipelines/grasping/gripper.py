@@ -43,16 +43,14 @@ class Gripper:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
             raise ValueRangeError("name of a gripper", self.name, "a text")
+        where = f"gripper {self.name}"
         for field in fields(self)[1:]:
             value = getattr(self, field.name)
             if not (isinstance(value, int | float) and 0.0 <= value < 1.0):
-                raise ValueRangeError(
-                    f"gripper {self.name}: {field.name}", value, "a length in metres, 0 to 1"
-                )
+                raise ValueRangeError(f"{where}: {field.name}", value, "a length in metres, 0 to 1")
         if self.max_opening <= 2 * self.clearance:
-            raise ValueRangeError(
-                f"gripper {self.name}: max_opening", self.max_opening, "wider than two clearances"
-            )
+            expected = "wider than two clearances"
+            raise ValueRangeError(f"{where}: max_opening", self.max_opening, expected)
 
     @property
     def max_width(self) -> float:
@@ -96,10 +94,8 @@ class Gripper:
 
     def boxes(self, width: ArrayLike) -> Array:
         """Return (..., 3, 2, 3): low and high corners of both fingers and the palm, of `bounds`."""
-        bounds = self.bounds(width)
-        back, tip, palm_back, front, half, palm_half, inner, outer, side = np.moveaxis(
-            bounds, -1, 0
-        )
+        bounds = np.moveaxis(self.bounds(width), -1, 0)
+        back, tip, palm_back, front, half, palm_half, inner, outer, side = bounds
         boxes = np.empty((*inner.shape, 3, 2, 3))
         boxes[..., :2, 0, 0], boxes[..., :2, 1, 0] = back[..., None], tip[..., None]
         boxes[..., 0, 0, 1], boxes[..., 0, 1, 1] = -outer, -inner

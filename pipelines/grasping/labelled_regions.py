@@ -30,13 +30,8 @@ class LabelledSurface:
 
     def affordance_at(self, points: Array, radius: float) -> Array:
         """Return the affordance (m,) of the nearest surface point within `radius`, else 0."""
-        gap, nearest = (
-            np.asarray(part) for part in self.tree.query(points, distance_upper_bound=radius)
-        )
-        near = np.isfinite(gap)
-        affordance = np.zeros(len(points))
-        affordance[near] = self.affordance[nearest[near]]
-        return affordance
+        _, nearest = self.tree.query(points, distance_upper_bound=radius)
+        return np.append(self.affordance, 0.0)[nearest]  # none is near: the index behind the last
 
 
 @dataclass(frozen=True)

@@ -15,20 +15,25 @@ from pipelines.array_types import Array
 from pipelines.configs import CandidateConfig, SelectionConfig
 from pipelines.geometry.numerics.quantiles import quantiles
 from pipelines.geometry.symmetry import SymmetrySlots
-from pipelines.grasping.candidates.candidates import GraspCandidates
+from pipelines.grasping.candidates.candidates import (
+    GraspCandidates,
+    random_candidates,
+    symmetric_candidates,
+)
 from pipelines.grasping.candidates.planar import planar_candidates
-from pipelines.grasping.candidates.random_pairs import random_candidates
-from pipelines.grasping.candidates.symmetric import symmetric_candidates
-from pipelines.grasping.feasibility.feasibility import Feasibility
-from pipelines.grasping.feasibility.opening_margin import with_opening_margin
+from pipelines.grasping.feasibility.feasibility import Feasibility, with_opening_margin
 from pipelines.grasping.feasibility.visibility import visible_fraction
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.ranking.grasp_features import GraspFeatures
 from pipelines.grasping.ranking.known_region import KnownRegion
-from pipelines.grasping.ranking.ranking import Critic, critic_score, seen_score
-from pipelines.grasping.ranking.suppression import non_maximum_suppression
+from pipelines.grasping.ranking.ranking import (
+    Critic,
+    critic_score,
+    non_maximum_suppression,
+    seen_score,
+)
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.grasping.symmetries.completion import Completion
 

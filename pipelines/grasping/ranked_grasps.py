@@ -36,18 +36,14 @@ class RankedGrasps:
     @classmethod
     def empty(cls) -> "RankedGrasps":
         """Return no grasps."""
-        zero = np.zeros(0)
-        return cls(
-            GraspPoses.empty(), zero, np.zeros(0, np.int64), np.zeros(0, "U7"), zero, zero, zero
-        )
+        zero, slot, source = np.zeros(0), np.zeros(0, np.int64), np.zeros(0, "U7")
+        return cls(GraspPoses.empty(), zero, slot, source, zero, zero, zero)
 
     @classmethod
     def concatenate(cls, parts: Sequence["RankedGrasps"]) -> "RankedGrasps":
         """Return all grasps of `parts`, in order."""
-        columns = [
-            np.concatenate([getattr(part, field.name) for part in parts])
-            for field in fields(cls)[1:]
-        ]
+        names = [field.name for field in fields(cls)[1:]]
+        columns = (np.concatenate([getattr(part, name) for part in parts]) for name in names)
         return cls(GraspPoses.concatenate([part.grasps for part in parts]), *columns)
 
     def __len__(self) -> int:

@@ -1,12 +1,12 @@
 """Grasps with their quality; of a stream of them, a bounded sample and the best at each place."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.array_types import Array, Singles
+from pipelines.array_types import Array
 from pipelines.grasping.grasps import GraspPoses, Index
 from pipelines.grasping.symmetrize import CELL_FACTORS, cell_numbers
 
@@ -36,18 +36,17 @@ class RatedGrasps:
         return cls(GraspPoses.concatenate([part.grasps for part in parts]), np.concatenate(quality))
 
 
-@dataclass(frozen=True)
-class _Pairs:
-    """Contact pairs as a file has them, in a third of the memory of grasps, and their cells."""
-
-    contacts: Singles  # (n, 2, 3)
-    approach: Singles  # (n, 3)
-    quality: Singles  # (n,)
-    cell: NDArray[np.uint64]  # (n,)
-    draw: NDArray[np.uint64]  # (n,) by which cells are drawn
-
-    def __getitem__(self, index: Index) -> "_Pairs":
-        return _Pairs(*(getattr(self, field.name)[index] for field in fields(self)))
+# Contact pairs as a file has them, in a third of the memory of grasps, their cells, and the numbers
+# by which cells are drawn.
+PAIR = np.dtype(
+    [
+        ("contacts", "f4", (2, 3)),
+        ("approach", "f4", 3),
+        ("quality", "f4"),
+        ("cell", "u8"),
+        ("draw", "u8"),
+    ]
+)
 
 
 class GraspSample:
@@ -61,26 +60,22 @@ class GraspSample:
     def __init__(self, merge_distance: float, limit: int, seed: int) -> None:
         self._merge_distance, self._limit = merge_distance, limit
         self._seed = np.uint64(seed % 2**64)
-        self._kept: list[_Pairs] = []
+        self._kept = [np.zeros(0, PAIR)]
         self._sorted = 0  # of the kept, those that are distinct and best first
         self._cells: list[NDArray[np.uint64]] = []
         self._last = np.uint64(2**64 - 1)  # no cell is drawn after it
 
     def add(self, rated: RatedGrasps) -> None:
         """Take in further grasps."""
-        contacts = rated.grasps.contacts.astype(np.float32)
-        cell = cell_numbers(contacts.astype(np.float64), self._merge_distance)
+        pairs = np.zeros(len(rated), PAIR)
+        pairs["contacts"], pairs["approach"] = rated.grasps.contacts, rated.grasps.approach
+        pairs["quality"] = rated.quality
+        cell = cell_numbers(pairs["contacts"].astype(np.float64), self._merge_distance)
+        pairs["cell"], pairs["draw"] = cell, _hashed(cell ^ self._seed)
         self._cells.append(cell)
-        pairs = _Pairs(
-            contacts,
-            rated.grasps.approach.astype(np.float32),
-            rated.quality.astype(np.float32),
-            cell,
-            _hashed(cell ^ self._seed),
-        )
-        self._kept.append(pairs[pairs.draw <= self._last])
+        self._kept.append(pairs[pairs["draw"] <= self._last])
         # Merged when there is as much new as old: each pair is sorted a few times, not hundreds.
-        if sum(len(part.quality) for part in self._kept) > 2 * max(self._sorted, self._limit // 4):
+        if sum(map(len, self._kept)) > 2 * max(self._sorted, self._limit // 4):
             self._merge()
 
     @property
@@ -91,21 +86,18 @@ class GraspSample:
 
     def result(self) -> RatedGrasps:
         """Return what is kept, best quality first."""
-        if not self._kept:
-            return RatedGrasps.empty()
         pairs = self._merge()
         return RatedGrasps(
-            GraspPoses.from_contacts(pairs.contacts.astype(np.float64), pairs.approach),
-            pairs.quality.astype(np.float64).round(6),
+            GraspPoses.from_contacts(pairs["contacts"].astype(np.float64), pairs["approach"]),
+            pairs["quality"].astype(np.float64).round(6),
         )
 
-    def _merge(self) -> _Pairs:
-        columns = ([getattr(part, field.name) for part in self._kept] for field in fields(_Pairs))
-        pairs = _Pairs(*(np.concatenate(column) for column in columns))
-        ranked = pairs[np.argsort(-pairs.quality, kind="stable")]
-        best = np.sort(np.unique(ranked.cell, return_index=True)[1])
+    def _merge(self) -> NDArray[np.void]:
+        pairs = np.concatenate(self._kept)
+        ranked = pairs[np.argsort(-pairs["quality"], kind="stable")]
+        best = np.sort(np.unique(ranked["cell"], return_index=True)[1])
         if len(best) > self._limit:
-            draw = ranked.draw[best]
+            draw = ranked["draw"][best]
             self._last = np.partition(draw, self._limit - 1)[self._limit - 1]
             best = best[draw <= self._last]
         merged = ranked[best]
@@ -113,30 +105,20 @@ class GraspSample:
         return merged
 
 
-class BestOfPlaces:
-    """The best grasp of a stream at each place that a finger touches.
+def best_of_places(parts: Sequence[RatedGrasps], size: float) -> RatedGrasps:
+    """Return the best of `parts` at each place that a finger touches, best quality first.
 
     Places are cells of which no two points are `size` metres apart. What is kept says how well an
-    object can be held anywhere as the whole stream would, but for that distance; a sample would
-    not, for the best of few grasps is worse than the best of many.
+    object can be held anywhere as all of them would, but for that distance; a sample would not, for
+    the best of few grasps is worse than the best of many. The parts of a stream may be taken in one
+    by one, each with what was kept of those before.
     """
-
-    def __init__(self, size: float) -> None:
-        self._side = size / np.sqrt(3.0)
-        self._best = RatedGrasps.empty()
-
-    def add(self, rated: RatedGrasps) -> None:
-        """Take in further grasps."""
-        both = RatedGrasps.concatenate([self._best, rated])
-        ranked = np.argsort(-both.quality, kind="stable")
-        places = np.floor(both.grasps.contacts[ranked] / self._side).astype(np.int64)
-        cell = (places.astype(np.uint64) * CELL_FACTORS[:3]).sum(axis=2, dtype=np.uint64)
-        first = np.unique(cell.ravel(), return_index=True)[1] // 2  # two contacts a grasp
-        self._best = both[ranked[np.unique(first)]]
-
-    def result(self) -> RatedGrasps:
-        """Return what is kept, best quality first."""
-        return self._best
+    both = RatedGrasps.concatenate(parts)
+    ranked = np.argsort(-both.quality, kind="stable")
+    places = np.floor(both.grasps.contacts[ranked] / (size / np.sqrt(3.0))).astype(np.int64)
+    cell = (places.astype(np.uint64) * CELL_FACTORS[:3]).sum(axis=2, dtype=np.uint64)
+    first = np.unique(cell.ravel(), return_index=True)[1] // 2  # two contacts a grasp
+    return both[ranked[np.unique(first)]]
 
 
 def _hashed(numbers: NDArray[np.uint64]) -> NDArray[np.uint64]:

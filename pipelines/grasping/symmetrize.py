@@ -159,27 +159,21 @@ def cell_numbers(contacts: Array, merge_distance: float) -> NDArray[np.uint64]:
     less than `merge_distance` metres: pairs of one cell are closer than that. The fingers' order
     does not matter.
     """
-    cells = _ordered(contacts, CELL_SLACK * merge_distance / np.sqrt(6.0))
-    # One number a cell is sorted ten times faster than six; it wraps around, and two cells
-    # share a number once in 10^19.
-    return np.asarray((cells.astype(np.uint64) * CELL_FACTORS).sum(axis=1, dtype=np.uint64))
-
-
-def _near(grasps: GraspPoses, others: GraspPoses, distance: float) -> Mask:
-    """Return which `grasps` have the contacts of one of `others`, fingers in either order."""
-    tree = KDTree(others.contacts.reshape(-1, 6))
-    found = np.zeros(len(grasps), dtype=bool)
-    for pair in (grasps.contacts, grasps.contacts[:, ::-1]):
-        reach = tree.query(pair.reshape(-1, 6), distance_upper_bound=distance)[0]
-        found |= np.isfinite(reach)
-    return found
-
-
-def _ordered(contacts: Array, cell: float) -> Indices:
-    """Return the cells (n, 6) of contact pairs, the same for either order of the fingers."""
-    cells = np.floor(contacts / cell).astype(np.int64)  # (n, 2, 3)
+    side = CELL_SLACK * merge_distance / np.sqrt(6.0)
+    cells = np.floor(contacts / side).astype(np.int64)  # (n, 2, 3)
     difference = cells[:, 1] - cells[:, 0]
     first = (difference != 0).argmax(axis=1)
     swap = np.take_along_axis(difference, first[:, None], axis=1)[:, 0] < 0
     cells[swap] = cells[swap][:, ::-1]
-    return cells.reshape(-1, 6)
+    # One number a cell is sorted ten times faster than six; it wraps around, and two cells
+    # share a number once in 10^19.
+    numbers = cells.reshape(-1, 6).astype(np.uint64) * CELL_FACTORS
+    return np.asarray(numbers.sum(axis=1, dtype=np.uint64))
+
+
+def _near(grasps: GraspPoses, others: GraspPoses, distance: float) -> Mask:
+    """Return which `grasps` have the contacts of one of `others`, fingers in either order."""
+    either = np.stack([grasps.contacts, grasps.contacts[:, ::-1]]).reshape(2, -1, 6)
+    tree = KDTree(others.contacts.reshape(-1, 6))
+    reach = tree.query(either, distance_upper_bound=distance)[0]
+    return np.asarray(np.isfinite(reach).any(axis=0))

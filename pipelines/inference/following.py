@@ -11,10 +11,16 @@ from pipelines.configs import WatchConfig
 from pipelines.errors import SymgraspError
 from pipelines.frames.rgbd import FrameSource
 from pipelines.grasp_files import grasps_file
-from pipelines.inference.earlier import earlier_frames, refuse_stale
 from pipelines.inference.pictures import draw_missing
 from pipelines.inference.watching import Arrival, Clock, Lister, Watcher
-from pipelines.inference.work import STAGE, Work, has_shard, infer_frame
+from pipelines.inference.work import (
+    STAGE,
+    Work,
+    earlier_frames,
+    has_shard,
+    infer_frame,
+    refuse_stale,
+)
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 
 log = logging.getLogger(__name__)
@@ -174,8 +180,7 @@ class Follower:
                     item.target.unlink(missing_ok=True)  # of files that are no more
                 self._conclude(item.name, arrival, item, sentence)
         found = [(item, item.target, 0) for item in finished]
-        undrawn = draw_missing(self.work.settings, found, self.options)
-        for name, why in undrawn.items():
+        for name, why in draw_missing(self.work.settings, found, self.options).items():
             log.warning("%s: %s", name, why)
 
     def _conclude(self, name: str, arrival: Arrival, item: WorkItem, sentence: str | None) -> None:
@@ -187,9 +192,8 @@ class Follower:
             self.notify(Followed(name, "failed", 0, seconds, sentence))
             return
         self._keep(item, self.report.done)
-        result = grasps_file.read_shard(item.target)
-        count = len(result.grasps)
-        self.notify(Followed(name, result.status, count, seconds, str(item.target)))
+        found = grasps_file.read_shard(item.target)
+        self.notify(Followed(name, found.status, len(found.grasps), seconds, str(item.target)))
 
     def _keep(self, item: WorkItem, names: list[str]) -> None:
         self.watcher.finish(item.name)

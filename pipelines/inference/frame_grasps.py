@@ -26,15 +26,14 @@ from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.ranking.ranking import Critic
 from pipelines.grasping.scene import RegionCloud
 from pipelines.grasping.symmetries.grounding import SymmetryCritics
-from pipelines.inference.empty_frames import why_empty, why_weak
-from pipelines.inference.observation import Observation, observe
+from pipelines.inference.observation import Observation, observe, why_empty
 from pipelines.inference.peers.frame_plans import (
     MOST_GRASPS,
     OWN_SCORE,
     FrameMethod,
     plans_of_whole,
 )
-from pipelines.inference.plans import Plan, grasp_table, region_table
+from pipelines.inference.plans import Plan, grasp_table, region_table, why_weak
 from pipelines.inference.predicted_regions import (
     PredictedRegion,
     RegionMethod,
@@ -106,19 +105,16 @@ class Planner:
         if self.peer is None:
             regions, plans = self._region_by_region(seen, rng)
             kept, ranker = self.config, self._of_regions.ranker
+            reason = why_empty(seen, None if masks is None else self.config.min_region_pixels)
         else:
             regions, plans = plans_of_whole(self.peer, frame, seen, self.gripper, self.config, rng)
             kept, ranker = replace(self.config, max_grasps_per_region=MOST_GRASPS), OWN_SCORE
-        found = [plan.grasps for plan in plans]
-        grasps = grasp_table(plans, kept, ranker)
-        if self.peer is None:
-            reason = why_empty(seen, None if masks is None else self.config.min_region_pixels)
-        else:
             reason = f"{self.config.method} finds no grasp that is sure enough and allowed"
+        grasps = grasp_table(plans, kept, ranker)
         return FrameResult(
             name=frame.name,
             status="ok" if len(grasps) else "empty",
-            message="" if len(grasps) else why_weak(found) or reason,
+            message="" if len(grasps) else why_weak(plans) or reason,
             intrinsics=frame.intrinsics,
             seconds=time.monotonic() - started,
             regions=region_table(regions, plans),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Hashable
+from contextlib import AbstractContextManager
 from functools import lru_cache, partial, wraps
 from pathlib import Path
 from threading import Lock, RLock, get_ident
@@ -84,9 +84,8 @@ def symmetry_critics(
     axes: Path = AXIS_CRITIC_WEIGHTS, planes: Path = PLANE_CRITIC_WEIGHTS
 ) -> SymmetryCritics:
     """Return the critics of the weights `axes` and `planes`."""
-    of_planes = critic_files.read_point_critic(
-        existing(planes, PLANE_CRITIC_BY), critic_files.PLANES
-    )
+    weights = existing(planes, PLANE_CRITIC_BY)
+    of_planes = critic_files.read_point_critic(weights, critic_files.PLANES)
     return SymmetryCritics(axis_critic(axes), of_planes)
 
 
@@ -108,22 +107,7 @@ def uses_gpu(device: str) -> bool:
     return find_device(device).type != "cpu"
 
 
-@contextmanager
-def one_thread_each() -> Iterator[None]:
-    """Let each call of a network, of OpenCV or of numpy's matrix products use one core.
-
-    Frames are worked on side by side instead, each thread within a `one_thread_each` of its own.
-    What several threads add up differs in the last bits, and they wait for each other longer than
-    they work.
-    """
-    _LIMIT.enter(get_ident())
-    try:
-        yield
-    finally:
-        _LIMIT.leave(get_ident())
-
-
-class _OneThreadEach:
+class _OneThreadEach(AbstractContextManager[None]):
     """The threads within `one_thread_each`, and the numbers that the last to leave gives back.
 
     Torch keeps a number for each thread, the others one for the process, which threadpoolctl lets
@@ -136,7 +120,7 @@ class _OneThreadEach:
         self._torch, self._images = 1, 1  # numbers of threads before
         self._products: Any = None  # what limits matrix products
 
-    def enter(self, thread: int) -> None:
+    def __enter__(self) -> None:
         import torch  # noqa: PLC0415 - slow to load
 
         own = torch.get_num_threads()  # the first call gives a thread its number
@@ -147,16 +131,16 @@ class _OneThreadEach:
                 cv2.setNumThreads(1)
                 OpenBLASController.clear_controlling_thread(force=True)
                 self._products = _matrix_products().limit(limits=1, user_api="blas")
-            self._depth[thread] += 1
+            self._depth[get_ident()] += 1
 
-    def leave(self, thread: int) -> None:
+    def __exit__(self, *raised: object) -> None:
         import torch  # noqa: PLC0415 - slow to load
 
         with self._lock:
-            self._depth[thread] -= 1
-            if self._depth[thread]:
+            self._depth[get_ident()] -= 1
+            if self._depth[get_ident()]:
                 return
-            del self._depth[thread]
+            del self._depth[get_ident()]
             if not self._depth:
                 cv2.setNumThreads(self._images)
                 OpenBLASController.clear_controlling_thread(force=True)
@@ -166,6 +150,16 @@ class _OneThreadEach:
 
 
 _LIMIT = _OneThreadEach()
+
+
+def one_thread_each() -> AbstractContextManager[None]:
+    """Let each call of a network, of OpenCV or of numpy's matrix products use one core.
+
+    Frames are worked on side by side instead, each thread within a `one_thread_each` of its own.
+    What several threads add up differs in the last bits, and they wait for each other longer than
+    they work.
+    """
+    return _LIMIT
 
 
 @lru_cache(maxsize=1)

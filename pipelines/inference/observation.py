@@ -17,6 +17,7 @@ from pipelines.array_types import Mask
 from pipelines.configs import ColorConfig, InferConfig
 from pipelines.frames.rgbd import Frame
 from pipelines.geometry.numerics.quantiles import quantiles
+from pipelines.geometry.transforms import transform_points
 from pipelines.grasp_files.grasps_tables import REGION_FLAT, REGION_MEASURED, REGION_NO_DEPTH
 from pipelines.grasping.feasibility.limits import Limits
 from pipelines.grasping.planner import MIN_POINTS
@@ -132,3 +133,48 @@ def _status(cloud: RegionCloud, segments: GeometricRegions) -> str:
     height = quantiles(segments.plane.height(cloud.points), 0.9)
     least = segments.least_height(float(cloud.middle[2]))
     return REGION_MEASURED if height > least else REGION_FLAT
+
+
+def why_empty(seen: Observation, mask_pixels: int | None = None) -> str:
+    """Return why no region of a frame has a grasp.
+
+    `mask_pixels`: how many an instance of the user's masks needs; None where there are no masks.
+    """
+    if mask_pixels is None:
+        return _of_regions(seen)
+    total = len(seen.regions) + seen.too_small
+    if not total:
+        return "the masks show no instance; the pixels of each have its number, from 1"
+    reasons = [_of_regions(seen)] if seen.regions else []
+    if seen.too_small:
+        small = f"{seen.too_small} of {total} instances of the masks were dropped as too small"
+        reasons += [small, f"an instance needs {mask_pixels} pixels"]
+    return "; ".join(reasons)
+
+
+def _where(seen: Observation) -> str:
+    """Return where the regions lie, as a box in the workspace's frame; of a mask in pixels too."""
+    limits, clouds = seen.scene.limits, [cloud for cloud in seen.clouds if len(cloud)]
+    if limits is None or not clouds:
+        return "they have no depth"
+    middles = transform_points(limits.T_box_cam, np.array([cloud.middle for cloud in clouds]))
+    low, high = middles.min(axis=0), middles.max(axis=0)
+    spans = zip("xyz", low, high, strict=True)
+    frame = "camera" if np.array_equal(limits.T_box_cam, np.eye(4)) else "table"
+    metres = ", ".join(f"{axis} {a:.2f} to {b:.2f}" for axis, a, b in spans)
+    return f"their middles lie at {metres} m in the {frame}'s frame; see `symgrasp workspace`"
+
+
+def _of_regions(seen: Observation) -> str:
+    clouds, limits = seen.clouds, seen.scene.limits
+    if clouds and all(len(cloud) < MIN_POINTS for cloud in clouds):
+        measured = f"no depth, or too little, was measured in {len(clouds)} regions"
+        return f"{measured}; a region needs {MIN_POINTS} points"
+    if not clouds:
+        return "nothing stands out from its support; is an object within reach of the camera?"
+    inside = len(seen.in_workspace()[0])
+    if not inside:
+        return f"none of {len(clouds)} regions lies in the workspace; {_where(seen)}"
+    if limits is not None:
+        return f"none of {inside} regions in the workspace has a grasp within the limits given"
+    return f"none of {inside} regions has a grasp that the gripper reaches without collision"

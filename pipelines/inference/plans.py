@@ -1,7 +1,6 @@
 """The plans of the regions of a frame, as columns of its result."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,29 +79,32 @@ def grasp_table(plans: list[Plan], config: InferConfig, ranker: str) -> GraspTab
     kept = [grasps[: config.max_grasps_per_region] for grasps in good]
     sources = [plan.sources(grasps.slot) for plan, grasps in zip(plans, kept, strict=True)]
     counts = [len(grasps) for grasps in kept]
-
-    def column(name: str) -> NDArray[Any]:
-        return np.concatenate([np.zeros(0), *(getattr(grasps, name) for grasps in kept)])
-
-    def geometry(name: str, shape: tuple[int, ...]) -> NDArray[Any]:
-        parts = [getattr(grasps.grasps, name) for grasps in kept]
-        return np.concatenate([np.zeros((0, *shape)), *parts])
-
-    score, rankers = column("rank_score"), np.full(sum(counts), ranker, object)
+    every = RankedGrasps.concatenate([RankedGrasps.empty(), *kept])
+    scores, rankers = every.rank_score.astype(np.float32), np.full(len(every), ranker, object)
     return GraspTable(
         region=np.repeat(np.arange(len(kept)), counts),
-        rotation=geometry("rotation", (3, 3)),
-        translation=geometry("translation", (3,)),
-        width=geometry("width", ()),
-        contacts=geometry("contacts", (2, 3)),
-        affordance=column("affordance"),
-        symmetry_slot=column("slot"),
+        rotation=every.grasps.rotation,
+        translation=every.grasps.translation,
+        width=every.grasps.width,
+        contacts=every.grasps.contacts,
+        affordance=every.affordance,
+        symmetry_slot=every.slot,
         symmetry_source=np.concatenate([np.zeros(0, object), *sources]),
-        source=np.concatenate([np.zeros(0, object), *(g.source.astype(object) for g in kept)]),
-        clearance=column("clearance"),
-        enclosed_height=column("enclosed_height"),
-        rank_score=score,
+        source=every.source.astype(object),
+        clearance=every.clearance,
+        enclosed_height=every.enclosed_height,
+        rank_score=every.rank_score,
         ranker=rankers,
-        worth_trying=are_worth_trying(rankers, score.astype(np.float32), config.weak_below),
+        worth_trying=are_worth_trying(rankers, scores, config.weak_below),
         is_best=np.concatenate([np.zeros(0, bool), *(np.arange(n) == 0 for n in counts)]),
+    )
+
+
+def why_weak(plans: list[Plan]) -> str:
+    """Return that all grasps of the regions of a frame score too low; empty if there are none."""
+    scores = np.concatenate([np.zeros(0), *(plan.grasps.rank_score for plan in plans)])
+    if not len(scores):
+        return ""
+    return (
+        f"none of {len(scores)} grasps scores --min-score or more; the best has {max(scores):.3f}"
     )

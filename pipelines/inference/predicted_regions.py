@@ -7,18 +7,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.array_types import Array
+from pipelines.array_types import Array, Floats
 from pipelines.configs import SelectionConfig
 from pipelines.geometry.pointcloud import Plane
-from pipelines.geometry.symmetry import SymmetrySlots
+from pipelines.geometry.symmetry import SPHERE_SLOT, SymmetrySlots
 from pipelines.grasping.planner import RegionModel
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.grasping.symmetries.completion import completions
 from pipelines.grasping.symmetries.grounding import SymmetryCritics, ground_symmetries
-from pipelines.grasping.symmetries.votes import mean_slots
 
 if TYPE_CHECKING:
-    from pipelines.network.predictor import GraspPredictor, RegionPrediction
+    from pipelines.network.predictor import GraspPredictor
 
 NUM_FITTED_POINTS = 1500  # of a region that are grasped without a network, as many as with one
 
@@ -40,20 +39,18 @@ class PredictedRegion:
     affordance: Array
     slots: SymmetrySlots
 
-    @classmethod
-    def of(cls, cloud: RegionCloud, prediction: "RegionPrediction") -> "PredictedRegion":
-        """Return the region `cloud` with the mean of what its points predict."""
-        affordance = np.asarray(prediction.affordance, np.float64)
-        slots = mean_slots(prediction.existence, prediction.center, prediction.direction)
-        return cls(cloud[prediction.index], affordance, slots)
-
 
 def predicted_regions(
     clouds: Sequence[RegionCloud], table: Plane | None, predictor: "GraspPredictor"
 ) -> list[PredictedRegion]:
     """Return the predictions for `clouds` on `table`, camera frame."""
     predictions = predictor.predict([cloud.points for cloud in clouds], table)
-    return [PredictedRegion.of(*each) for each in zip(clouds, predictions, strict=True)]
+    regions = []
+    for cloud, each in zip(clouds, predictions, strict=True):
+        affordance = np.asarray(each.affordance, np.float64)
+        slots = mean_slots(each.existence, each.center, each.direction)
+        regions.append(PredictedRegion(cloud[each.index], affordance, slots))
+    return regions
 
 
 def compared_regions(
@@ -75,17 +72,39 @@ def region_models(
     critics: SymmetryCritics | None,
 ) -> list[RegionModel]:
     """Return the models of all regions of a frame; without critics, symmetries as predicted."""
-    if critics is None:
-        symmetries = [each.slots for each in predicted]
-    else:
-        candidates = config.symmetry.candidates
-        symmetries = [
-            ground_symmetries(each.slots, each.cloud, scene, critics, candidates)
-            for each in predicted
-        ]
+    symmetries = [each.slots for each in predicted]
+    if critics is not None:
+        others = scene, critics, config.symmetry.candidates
+        symmetries = [ground_symmetries(p.slots, p.cloud, *others) for p in predicted]
     clouds, resolution = [each.cloud for each in predicted], config.feasibility.scene_resolution
     unseen = completions(clouds, scene, symmetries, config.symmetry, resolution)
     return [
         RegionModel(each.cloud, known, each.affordance, completion)
         for each, known, completion in zip(predicted, symmetries, unseen, strict=True)
     ]
+
+
+def mean_slots(existence: Floats, point: Floats, direction: Floats) -> SymmetrySlots:
+    """Return the mean of the symmetries that n points of a region predict (Sec. III-E, D. 4).
+
+    A normal and its opposite are one plane, so directions average as outer products.
+
+    Args:
+        existence: (n, 5) probabilities.
+        point: (n, 5, 3) metres.
+        direction: (n, 5, 3) unit; that of the sphere is not looked at.
+    """
+    slots = SymmetrySlots.of((), "network")
+    slots.existence[:], slots.point[:] = existence.mean(axis=0), point.mean(axis=0)
+    flat = direction.reshape(len(direction), -1)  # each coordinate in one piece, next
+    by_slot = np.ascontiguousarray(flat.T, np.float64).reshape(*direction.shape[1:], -1)
+    slots.direction[:SPHERE_SLOT] = _leading_directions(by_slot[:SPHERE_SLOT])
+    return slots
+
+
+def _leading_directions(directions: Array) -> Array:
+    """Return the unit axes (s, 3) of `directions` (s, 3, n), whose signs do not matter."""
+    scatter = (directions * (1 / directions.shape[2])) @ directions.swapaxes(1, 2)
+    axes: Array = np.linalg.eigh(scatter)[1][..., 2]
+    largest = np.take_along_axis(axes, np.abs(axes).argmax(axis=1, keepdims=True), axis=1)
+    return np.where(largest > 0, axes, -axes)

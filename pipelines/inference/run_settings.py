@@ -111,15 +111,10 @@ class Settings:
             ("plane_critic", fits, paths.plane_critic, models.PLANE_CRITIC_BY),
             ("grasp_critic", self.uses_grasp_critic, paths.grasp_critic, models.GRASP_CRITIC_BY),
         )
-        wanted = {
-            name: digest(existing(path, made_by))
-            for name, is_used, path, made_by in used
-            if is_used
-        }
+        wanted = [(name, path, made_by) for name, is_used, path, made_by in used if is_used]
         if self.uses_peer:
-            path = existing(self.peer_weights, written_by(self.config.method))
-            wanted["peer"] = digest(path)
-        return wanted
+            wanted.append(("peer", self.peer_weights, written_by(self.config.method)))
+        return {name: digest(existing(path, made_by)) for name, path, made_by in wanted}
 
     def other_inputs(self) -> dict[str, str]:
         """Return the digests of the gripper, the user's masks and the workspace."""

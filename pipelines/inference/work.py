@@ -1,19 +1,27 @@
 """The work of `infer`, frame by frame, and the files of its results.
 
-Each finished frame is a shard beside the output until the output is put together from them.
+Each finished frame is a shard beside the output until the output is put together from them. A run
+may go on from the results of an earlier one, or write over them, where these were made likewise.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
+import h5py
 import numpy as np
 
 from pipelines.dataset.chosen_frames import ALL_FRAMES, ChosenFrames
-from pipelines.errors import ValueRangeError, WriteError
+from pipelines.errors import (
+    FormatError,
+    StaleOutputError,
+    SymgraspError,
+    ValueRangeError,
+    WriteError,
+)
 from pipelines.frames.frame_inputs import FrameInputs
 from pipelines.frames.frames import find_frames
 from pipelines.frames.frames_record import FramesRecord
@@ -23,7 +31,7 @@ from pipelines.frames.rgbd import FrameSource
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.frames.workspace_files import read_workspace_mask
 from pipelines.grasp_files import grasps_file
-from pipelines.grasp_files.grasps_stream import merge_shards
+from pipelines.grasp_files.grasps_stream import merge_shards, read_index
 from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.inference.run_settings import Settings
 from pipelines.pictures.overlays import write_overlay
@@ -123,37 +131,31 @@ class Work:
 def infer_frame(item: WorkItem, settings: Settings) -> str | None:
     """Write the shard of one frame; return a note where it is empty."""
     with settings.one_core():
-        return _infer_frame(item, settings)
-
-
-def _infer_frame(item: WorkItem, settings: Settings) -> str | None:
-    (source,) = item.arguments
-    # Before the frame is read: of a file that changes meanwhile the result counts as stale.
-    signatures = inputs_of(item).signatures()
-    frame = source.read()
-    folder = settings.paths.masks
-    masks = None if folder is None else read_masks(folder, source.name)
-    if masks is not None and masks.shape != frame.depth.shape:
-        raise ValueRangeError(
-            f"size of the masks of {source.name}", masks.shape, f"{frame.depth.shape}"
-        )
-    path = settings.paths.workspace
-    workspace = None if path is None else read_workspace_mask(path, frame.depth.shape)
-    # They are drawn on the images as taken.
-    masks, workspace = (None if x is None else frame.laid_on(x) for x in (masks, workspace))
-    rng = np.random.default_rng(settings.seed)
-    result = settings.planner().plan(frame, rng, masks, workspace)
-    result = replace(
-        result, name=source.name, seconds=result.seconds if settings.timings else np.nan
-    )
-    picture = settings.paths.overlays and overlay_path(settings.paths.overlays, source.name)
-    if picture is not None:
-        with writing(picture):
-            write_overlay(picture, frame, result, item.stamp)
-    with writing(item.target):
-        stamp = replace(item.stamp, recorded={"files": signatures})
-        grasps_file.write(item.target, [result], stamp)
-    return "; ".join(filter(None, (*oddities(frame), result.message))) or None
+        (source,) = item.arguments
+        # Before the frame is read: of a file that changes meanwhile the result counts as stale.
+        signatures = inputs_of(item).signatures()
+        frame = source.read()
+        folder = settings.paths.masks
+        masks = None if folder is None else read_masks(folder, source.name)
+        if masks is not None and masks.shape != frame.depth.shape:
+            size = f"size of the masks of {source.name}"
+            raise ValueRangeError(size, masks.shape, f"{frame.depth.shape}")
+        path = settings.paths.workspace
+        workspace = None if path is None else read_workspace_mask(path, frame.depth.shape)
+        # They are drawn on the images as taken.
+        masks, workspace = (None if x is None else frame.laid_on(x) for x in (masks, workspace))
+        rng = np.random.default_rng(settings.seed)
+        result = settings.planner().plan(frame, rng, masks, workspace)
+        seconds = result.seconds if settings.timings else np.nan
+        result = replace(result, name=source.name, seconds=seconds)
+        if settings.paths.overlays is not None:
+            picture = overlay_path(settings.paths.overlays, source.name)
+            with writing(picture):
+                write_overlay(picture, frame, result, item.stamp)
+        with writing(item.target):
+            stamp = replace(item.stamp, recorded={"files": signatures})
+            grasps_file.write(item.target, [result], stamp)
+        return "; ".join(filter(None, (*oddities(frame), result.message))) or None
 
 
 @contextmanager
@@ -198,3 +200,54 @@ def inputs_of(item: WorkItem) -> FrameInputs:
     inputs = item.stamp.inputs
     # Those of a frame that an earlier run followed are known.
     return inputs if isinstance(inputs, FrameInputs) else FrameInputs(inputs, ())
+
+
+def refuse_others_work(output: Path) -> None:
+    """Raise SymgraspError if `output` exists and `infer` did not write it: it may be anybody's."""
+    if not output.exists():
+        return
+    ours = output.is_file() and h5py.is_hdf5(output)
+    with suppress(FormatError):  # so damaged that it does not say: there is nothing to lose
+        ours = ours and (read_stamp(output) or {}).get("stage") == STAGE
+    if not ours:
+        raise SymgraspError(f"{output} exists and is no grasps.h5; choose another output")
+
+
+def earlier_frames(work: Work) -> dict[str, WorkItem]:
+    """Return the finished frames of an earlier run that followed a folder likewise, by name."""
+    wanted, items = work.stamp(work.common).as_json(), {}
+    parts = sorted(grasps_file.parts_folder(work.output).glob("[!.]*.h5"))
+    for path in parts:
+        found = read_stamp(path) or {}
+        if _is_alike(found, wanted) and wanted["inputs"].items() <= found["inputs"].items():
+            (name,) = read_index(path).names
+            stamp = Stamp(STAGE, found["config"], found["seed"], found["inputs"])
+            items[name] = WorkItem(name, path, stamp)
+    return items
+
+
+def refuse_stale(work: Work, known: set[str]) -> None:
+    """Raise unless an existing output is of these settings and of frames that are `known`."""
+    if not work.output.exists():
+        return
+    refuse_other_settings(work)
+    index = read_index(work.output)
+    states = zip(index.names, index.statuses, strict=True)
+    lost = [name for name, status in states if status != "failed" and name not in known]
+    if lost:
+        raise SymgraspError(
+            f"{work.output} holds {len(lost)} frames that are not in {work.settings.paths.frames} "
+            f"any more, {lost[0]} among them; choose another output, or pass --overwrite"
+        )
+
+
+def refuse_other_settings(work: Work) -> None:
+    """Raise StaleOutputError unless the output is of these settings; no image is read for it."""
+    found, wanted = read_stamp(work.output) or {}, work.stamp(work.common).as_json()
+    inputs = {name: each for name, each in found.get("inputs", {}).items() if name != "frames"}
+    if not _is_alike(found, wanted) or inputs != wanted["inputs"]:
+        raise StaleOutputError(work.output)
+
+
+def _is_alike(found: dict[str, object], wanted: dict[str, object]) -> bool:
+    return all(found.get(key) == wanted[key] for key in ("stage", "config", "seed"))

@@ -1,18 +1,22 @@
-"""Symmetric copies of grasps, by an object's symmetries and then by its regions' (D. 2)."""
+"""Symmetric copies of grasps, by an object's symmetries and then by its regions' (D. 2).
+
+And the affordance of its surface, from these.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import KDTree
 
 from pipelines.array_types import Array, Indices, Mask
 from pipelines.configs import RefineGraspsConfig
 from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.symmetry import Symmetry
-from pipelines.grasping.affordance import point_affordance
 from pipelines.grasping.grasps import GraspPoses
-from pipelines.grasping.rated_grasps import BestOfPlaces, RatedGrasps
+from pipelines.grasping.rated_grasps import RatedGrasps, best_of_places
 from pipelines.grasping.symmetrize import copies_under, image, symmetry_group
 from pipelines.mesh_symmetry.detection.surface import Surface
 from pipelines.metrics.contacts import close_fingers
@@ -20,6 +24,7 @@ from pipelines.metrics.force_closure import min_friction, on_grid
 
 SAMPLE_SPACINGS = 6.0  # farther than any point of the surface is from its nearest sample
 PLACE_SHARE = 0.5  # of the contact radius; only the best grasp of a cell of this size is copied
+NUM_LEVELS = 64  # more distinct qualities than this are rounded down to as many
 
 
 @dataclass(frozen=True)
@@ -75,11 +80,12 @@ class Copier:
 
     def _everywhere(self, rated: RatedGrasps) -> RatedGrasps:
         """Return `rated` and its copies by the object's symmetries, the best of each place."""
-        places = BestOfPlaces(self.config.contact_radius * PLACE_SHARE)
-        places.add(rated)
+        size = self.config.contact_radius * PLACE_SHARE
+        best = best_of_places([rated], size)
         for T in symmetry_group(self.symmetries.symmetries, self.config.copies_per_turn):
-            places.add(self._held(RatedGrasps(image(rated.grasps, T), rated.quality)))
-        return places.result()
+            held = self._held(RatedGrasps(image(rated.grasps, T), rated.quality))
+            best = best_of_places([best, held], size)
+        return best
 
     def _regions(self) -> Iterator[tuple[Mask, list[Symmetry]]]:
         """Yield the mask of surface samples on each region, and its own symmetries."""
@@ -153,3 +159,35 @@ def closed_contacts(mesh: Mesh, opened: GraspPoses) -> tuple[Array, Indices, Arr
     apart = np.linalg.norm(contacts.points[:, 1] - contacts.points[:, 0], axis=1) > 0.0
     index = np.flatnonzero(contacts.found & apart)
     return contacts.points[index], index, min_friction(contacts)[index]
+
+
+def point_affordance(
+    points: ArrayLike, contacts: ArrayLike, quality: ArrayLike, radius: float
+) -> Array:
+    """Return (n,) the best quality of the pairs with one contact within `radius` of each point.
+
+    So well can the object be held with one finger there (D. 9); 0 where no contact reaches.
+
+    Args:
+        points: (n, 3) metres.
+        contacts: (m, 2, 3) metres, contact pairs, same frame.
+        quality: (m,) 1 - smallest friction coefficient, 0 to 1.
+        radius: metres.
+    """
+    where = np.asarray(points, np.float64).reshape(-1, 3)
+    pairs = np.asarray(contacts, np.float64).reshape(-1, 2, 3)
+    levels = np.asarray(quality, np.float64)
+    if len(np.unique(levels)) > NUM_LEVELS:
+        levels = np.floor(levels * NUM_LEVELS) / NUM_LEVELS
+    affordance = np.zeros(len(where))
+    open_points = np.arange(len(where))
+    # From the best quality down, each point takes the first level that reaches it.
+    for level in np.unique(levels)[::-1]:
+        if level <= 0.0 or not len(open_points):
+            break
+        tree = KDTree(pairs[levels == level].reshape(-1, 3))
+        reach = tree.query(where[open_points], distance_upper_bound=radius)[0]
+        reached = np.isfinite(reach)
+        affordance[open_points[reached]] = level
+        open_points = open_points[~reached]
+    return affordance

@@ -59,11 +59,9 @@ def shrink(
     small = intrinsics.resized(width, height)
     if color is None:
         color = np.zeros((height, width, 3), np.uint8)
-    else:
-        averaged = cv2.resize(color, (width, height), interpolation=cv2.INTER_AREA)
-        color = np.asarray(averaged, np.uint8)
+    averaged = cv2.resize(color, (width, height), interpolation=cv2.INTER_AREA)
     picked = cv2.resize(depth, (width, height), interpolation=cv2.INTER_NEAREST_EXACT)
-    return SmallFrame(color, np.asarray(picked, np.float32), small)
+    return SmallFrame(np.asarray(averaged, np.uint8), np.asarray(picked, np.float32), small)
 
 
 def find_plane(frame: SmallFrame) -> Plane:
@@ -121,8 +119,7 @@ def _channels(
             nx, ny, nz = normals[row, column, 0], normals[row, column, 1], normals[row, column, 2]
             if np.isnan(nx):
                 nx, ny, nz = 0.0, 0.0, 0.0
-            channels[row, column, 0] = nx
-            channels[row, column, 1] = ny
+            channels[row, column, 0], channels[row, column, 1] = nx, ny
             channels[row, column, 2] = plane[0] * nx + plane[1] * ny + plane[2] * nz
             ray = plane[0] * rays[0][column] + plane[1] * rays[1][row] + plane[2]
             above = min(max((ray * z + plane[3]) / HEIGHT_UNIT, -LIMIT), LIMIT)

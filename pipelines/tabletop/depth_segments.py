@@ -43,23 +43,15 @@ def segment(
         The pieces (H, W), and the pieces (H, W) by depth steps alone.
     """
     pieces, whole = np.zeros((2, *foreground.shape), np.int32)
-    rows, columns = (np.flatnonzero(foreground.any(axis=axis)) for axis in (1, 0))
-    if not len(rows):
+    if not foreground.any():
         return pieces, whole
+    rows, columns = (np.flatnonzero(foreground.any(axis=axis)) for axis in (1, 0))
     window = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-    pieces[window], whole[window] = _segment(
-        np.ascontiguousarray(xyz[window]), foreground[window], clear[window], focal, config
-    )
-    return pieces, whole
-
-
-def _segment(
-    xyz: Array, foreground: Mask, clear: Mask, focal: float, config: RegionConfig
-) -> tuple[Labels, Labels]:
+    xyz, foreground = np.ascontiguousarray(xyz[window]), foreground[window]
     fold = inward_fold(xyz, foreground, focal, config)
-    whole = connected(xyz, foreground, config)
-    fold[foreground & ~clear] = -np.inf
-    labels = _cut(xyz, foreground, whole, fold, config)
+    steps = connected(xyz, foreground, config)
+    fold[foreground & ~clear[window]] = -np.inf
+    labels = _cut(xyz, foreground, steps, fold, config)
     large = _too_large(xyz, labels, config).take(labels)
     if large.any():
         finer = replace(
@@ -67,7 +59,8 @@ def _segment(
         )
         again = _cut(xyz, large, connected(xyz, large, finer), fold, finer)
         labels = np.where(large, again + labels.max(initial=0), labels)
-    return labels, whole
+    pieces[window], whole[window] = labels, steps
+    return pieces, whole
 
 
 def _cut(xyz: Array, mask: Mask, whole: Labels, fold: Singles, config: RegionConfig) -> Labels:
@@ -80,9 +73,9 @@ def _cut(xyz: Array, mask: Mask, whole: Labels, fold: Singles, config: RegionCon
 
 def _too_large(xyz: Array, labels: Labels, config: RegionConfig) -> Mask:
     """Return a mask (labels + 1,) of the pieces longer than an object; label 0 is no piece."""
-    size, diagonal = _sizes(np.ascontiguousarray(xyz), labels, int(labels.max(initial=0)))
+    size, low, high = _boxes(np.ascontiguousarray(xyz), labels, int(labels.max(initial=0)))
     # The diagonal is a cheap upper bound of the extent.
-    large = (size >= config.min_pixels) & (diagonal > config.max_extent)
+    large = (size >= config.min_pixels) & (np.linalg.norm(high - low, axis=1) > config.max_extent)
     large[0] = False
     for label in np.flatnonzero(large):
         large[label] = extent(xyz[labels == label]) > config.max_extent
@@ -267,9 +260,9 @@ def _first(earlier: Indices, run: int) -> int:
 
 
 @compiled
-def _sizes(xyz: Array, labels: Labels, count: int) -> tuple[Indices, Array]:
-    """Return pixel count and diagonal of the bounding box, metres, of labels 0 to `count`."""
-    size, diagonal = np.zeros(count + 1, np.int64), np.zeros(count + 1)
+def _boxes(xyz: Array, labels: Labels, count: int) -> tuple[Indices, Array, Array]:
+    """Return pixel counts, and low and high corners (n, 3), metres, of labels 0 to `count`."""
+    size = np.zeros(count + 1, np.int64)
     low, high = np.full((count + 1, 3), np.inf), np.full((count + 1, 3), -np.inf)
     for row in range(labels.shape[0]):
         for column in range(labels.shape[1]):
@@ -281,9 +274,4 @@ def _sizes(xyz: Array, labels: Labels, count: int) -> tuple[Indices, Array]:
                 value = xyz[row, column, axis]
                 low[label, axis] = min(low[label, axis], value)
                 high[label, axis] = max(high[label, axis], value)
-    for label in range(count + 1):
-        total = 0.0
-        for axis in range(3):
-            total += (high[label, axis] - low[label, axis]) ** 2
-        diagonal[label] = np.sqrt(total)
-    return size, diagonal
+    return size, low, high

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.array_types import Mask
+from pipelines.tabletop.regions.pieces import box_of
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class MaskNoise:
             return mask
         size = float(np.sqrt(mask.sum()))
         margin = int(np.ceil(size * (self.edge + self.blot))) + 2
-        window = _window(mask, margin)
+        window = tuple(slice(max(0, s.start - margin), s.stop + margin) for s in box_of(mask))
         changed = _moved_edge(mask[window].astype(np.uint8), size * self.edge, rng)
         changed = _blotted(changed, size * self.blot, rng)
         if not changed.any():
@@ -37,14 +38,6 @@ class MaskNoise:
         noisy = np.zeros_like(mask)
         noisy[window] = changed > 0
         return noisy
-
-
-def _window(mask: Mask, margin: int) -> tuple[slice, slice]:
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return (
-        slice(max(0, int(rows[0]) - margin), int(rows[-1]) + margin + 1),
-        slice(max(0, int(columns[0]) - margin), int(columns[-1]) + margin + 1),
-    )
 
 
 def _moved_edge(

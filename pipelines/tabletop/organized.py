@@ -89,9 +89,7 @@ def _normals(inverse: Array, known: Bytes, x: Array, y: Array, radius: int) -> A
                 by_column, by_row, middle = _fitted_in_part(down, sums, column, radius)
                 place = x[column], y[row]
                 normal = _unit(by_column * slopes[0], by_row * slopes[1], middle, place)
-            normals[row, column, 0] = normal[0]
-            normals[row, column, 1] = normal[1]
-            normals[row, column, 2] = normal[2]
+            normals[row, column, 0], normals[row, column, 1], normals[row, column, 2] = normal
     return normals
 
 

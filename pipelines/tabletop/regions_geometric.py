@@ -71,14 +71,8 @@ def geometric_regions(
     """
     step = working_step(depth.shape)
     small = depth[::step, ::step]
-    camera = Intrinsics(
-        intrinsics.fx / step,
-        intrinsics.fy / step,
-        intrinsics.cx / step,
-        intrinsics.cy / step,
-        small.shape[1],
-        small.shape[0],
-    )
+    fx, fy, cx, cy = (each / step for each in intrinsics.lens)
+    camera = Intrinsics(fx, fy, cx, cy, small.shape[1], small.shape[0])
     xyz = camera.backproject(small)
     ground_seen = None if ground is None else ground[::step, ::step]
     top = find_tabletop(xyz, camera, config, rng, ground_seen)
@@ -99,10 +93,8 @@ def enlarged(image: NDArray[np.generic], shape: tuple[int, ...]) -> Labels:
     """Return a thinned `image` of labels at the size `shape`."""
     if image.shape == shape:
         return image.astype(np.int32)
-    size = (shape[1], shape[0])
-    return np.asarray(
-        cv2.resize(image.astype(np.float32), size, interpolation=cv2.INTER_NEAREST), np.int32
-    )
+    size, nearest = (shape[1], shape[0]), cv2.INTER_NEAREST
+    return np.asarray(cv2.resize(image.astype(np.float32), size, interpolation=nearest), np.int32)
 
 
 def _sound_regions(labels: Labels, things: Things) -> Labels:

@@ -10,6 +10,7 @@ from functools import cached_property
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from pipelines.array_types import Array, Indices, Mask, Singles
 from pipelines.configs import RegionConfig
@@ -30,7 +31,7 @@ MIN_PIXELS = 200  # fewer pixels determine no plane
 MAX_FITS = 20  # least-squares fits of a plane to its inliers, until these stay the same
 SIDE = np.cos(np.deg2rad(15.0))  # of the angle beyond which a plane may be the side of a bin
 CELL = 8  # pixels of a cell, of the image in which a floor's surroundings are looked at
-LARGE_PART = 0.1  # of the largest part of a plane, from which a part belongs to its extent
+LARGE_PART = 0.1  # of the area of the largest part of a plane, from which a part is large
 ENCLOSED = 0.9  # share of a floor's surroundings that are nearer than its plane
 CLOSEST_SHARE = 0.05  # the nearest pixels weigh no more than the pixel at this quantile
 
@@ -65,12 +66,18 @@ class _Seen:
         return float(self.weight @ candidate.evidence)
 
     @cached_property
-    def cells(self) -> tuple[Indices, tuple[int, int], Indices]:
-        """The cell (n,) of each pixel, rows and columns of the cells, and their pixels (r, c)."""
+    def cells(self) -> tuple[Indices, Indices]:
+        """The cell (n,) of each pixel, and the number (r, c) of pixels of each cell."""
         rows, columns = (np.asarray(axis, np.int64) // CELL + 2 for axis in (self.v, self.u))
         shape = int(rows.max()) + 3, int(columns.max()) + 3
         places = rows * shape[1] + columns
-        return places, shape, np.bincount(places, minlength=shape[0] * shape[1]).reshape(shape)
+        return places, np.bincount(places, minlength=shape[0] * shape[1]).reshape(shape)
+
+    def covered(self, mask: Mask, share: float) -> NDArray[np.uint8]:
+        """Return the cells (r, c) of which more than a `share` of the pixels is in `mask` (n,)."""
+        places, counts = self.cells
+        own = np.bincount(places[mask], minlength=counts.size).reshape(counts.shape)
+        return (own > share * counts).view(np.uint8)
 
 
 def find_support(
@@ -135,7 +142,10 @@ def _candidates(
             continue
         plane, behind = _plane_of(affine, intrinsics), residual < -2.0 * config.plane_tolerance
         beneath = _seen_through(seen.points, behind, plane, _in_large_parts(seen, inliers))
-        evidence = _facing_weight(plane) * (own - config.beneath_weight * beneath)
+        # The normal of a table seen from above leans to the image's top, that of a wall does not.
+        # Cameras overhead or upside down are possible, so other planes only weigh less.
+        facing = 1.0 if plane.normal[1] < 0.3 else 0.6
+        evidence = facing * (own - config.beneath_weight * beneath)
         found.append(_Candidate(Support(affine, plane), evidence))
     return found
 
@@ -148,22 +158,20 @@ def _is_floor(candidate: _Candidate, best: _Candidate, seen: _Seen) -> bool:
     """
     if abs(candidate.support.plane.normal @ best.support.plane.normal) > SIDE:
         return False
-    places, shape, counts = seen.cells
     a, b, c = candidate.support.affine
     over = seen.disparity - (a * seen.u + b * seen.v + c)
-    votes = np.bincount(places[over > 0.0], minlength=counts.size).reshape(shape)
-    own = np.bincount(places[candidate.evidence > 0], minlength=counts.size).reshape(shape)
-    cells = (own > 0.5 * counts).view(np.uint8)
+    cells = seen.covered(candidate.evidence > 0, 0.5)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(cells, connectivity=4)
     if count < 2:
         return False
     largest = labels == 1 + np.argmax(stats[1:, cv2.CC_STAT_AREA])
-    outline = np.zeros(shape, np.uint8)
+    outline = np.zeros_like(cells)
     corners = np.argwhere(largest)[:, ::-1].astype(np.int32)
     cv2.fillConvexPoly(outline, cv2.convexHull(np.ascontiguousarray(corners)), 1)
     near, wide = (cv2.dilate(outline, np.ones((n, n), np.uint8)) > 0 for n in (3, 5))
     around = wide & ~near
-    return bool(np.count_nonzero(votes[around] > 0.8 * counts[around]) > ENCLOSED * around.sum())
+    nearer = seen.covered(over > 0.0, 0.8)
+    return bool(np.count_nonzero(nearer[around]) > ENCLOSED * around.sum())
 
 
 def _in_large_parts(seen: _Seen, inliers: Mask) -> Mask:
@@ -171,14 +179,15 @@ def _in_large_parts(seen: _Seen, inliers: Mask) -> Mask:
 
     A cable beside a tray, as high as the tray, is no part of the tray's extent.
     """
-    places, shape, counts = seen.cells
-    own = np.bincount(places[inliers], minlength=counts.size).reshape(shape)
-    cells = (own > 0.5 * counts).view(np.uint8)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(cells, connectivity=8)
-    area = stats[:, cv2.CC_STAT_AREA]
-    large = area > LARGE_PART * max(area[1:], default=0)
-    large[0] = False
-    return inliers & large[np.asarray(labels, np.int32)].ravel().take(places)
+    return inliers & large_parts(seen.covered(inliers, 0.5)).ravel().take(seen.cells[0])
+
+
+def large_parts(image: NDArray[np.uint8]) -> Mask:
+    """Return the set pixels (H, W) of `image` in parts that are not small beside the largest."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(image, connectivity=8)
+    area = np.asarray(stats, np.int32)[:, cv2.CC_STAT_AREA]
+    area[0] = 0  # the background
+    return np.asarray((area > LARGE_PART * area.max()).take(labels))
 
 
 def _seen_through(points: Array, behind: Mask, plane: Plane, inliers: Mask) -> Mask:
@@ -191,12 +200,6 @@ def _seen_through(points: Array, behind: Mask, plane: Plane, inliers: Mask) -> M
     extent = points.take(np.flatnonzero(inliers)[:CONSENSUS_SAMPLE], axis=1)
     result[places] = Footprint.around(extent.T, plane, 0.0).contains(crossing.T)
     return result
-
-
-def _facing_weight(plane: Plane) -> float:
-    # The normal of a table seen from above leans to the image's top, that of a wall does not.
-    # Cameras overhead or upside down are possible, so other planes only weigh less.
-    return 1.0 if plane.normal[1] < 0.3 else 0.6
 
 
 def _ransac(

@@ -13,7 +13,7 @@ from pipelines.geometry.numerics.compiled import compiled
 from pipelines.geometry.numerics.quantiles import median, quantiles
 from pipelines.geometry.pointcloud import Plane
 from pipelines.tabletop.footprint import Footprint
-from pipelines.tabletop.support_plane import Affine, Support, find_support
+from pipelines.tabletop.support_plane import Affine, Support, find_support, large_parts
 
 WARP_WINDOW = 81  # pixels over which a sensor bends a flat table
 CLEARLY = 1.6  # over the threshold of foreground: pixels that may connect two pieces
@@ -81,7 +81,10 @@ def find_tabletop(
     above, clear = _above(z, near, warp, support.affine, float(support.plane.offset), limits)
     above = np.asarray(cv2.medianBlur(above.view(np.uint8), 3)).view(np.bool_) & near
     points = xyz.reshape(-1, 3)
-    extent = points.take(_spread(_large_parts(inliers)), axis=0)
+    # Objects in front cut a table into parts; closing joins parts that only shadows separate.
+    closed = cv2.morphologyEx(inliers.view(np.uint8), cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8))
+    large = inliers & large_parts(np.asarray(closed, np.uint8))
+    extent = points.take(_spread(large), axis=0)
     table = Footprint.around(extent, support.plane, config.support_margin)
     at = np.flatnonzero(above)
     above.ravel()[at] = table.contains(points.take(at, axis=0))
@@ -132,16 +135,6 @@ def near_pixels(z: Array, config: RegionConfig) -> Mask:
         return np.asarray(measured)
     nearest = float(quantiles(z.take(_spread(measured)), 0.05))
     return np.asarray(measured & (z < min(config.max_distance, nearest + config.max_range)))
-
-
-def _large_parts(mask: Mask) -> Mask:
-    """Return the pixels (H, W) of `mask` in parts with over a tenth of the largest part's area."""
-    # Objects in front cut a table into parts; closing joins parts that only shadows separate.
-    closed = cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8))
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=8)
-    area = np.asarray(stats, np.int32)[:, cv2.CC_STAT_AREA]
-    area[0] = 0  # the background
-    return np.asarray(mask & (area > 0.1 * area.max()).take(labels))
 
 
 @compiled
@@ -201,12 +194,9 @@ def _pixels_of_sides(
     height, width = z.shape
     seen = inliers.copy()
     waiting = np.empty(height * width, np.int64)
-    top, count = 0, 0
-    for row in range(height):
-        for column in range(width):
-            if inliers[row, column]:
-                waiting[top] = row * width + column
-                top += 1
+    first = np.flatnonzero(inliers)
+    top, count = len(first), 0
+    waiting[:top] = first
     while top:
         top -= 1
         row, column = divmod(waiting[top], width)

@@ -23,7 +23,7 @@ from pipelines.configs.settings import changed
 from pipelines.errors import UnknownNameError
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasping import planner
-from pipelines.grasping.symmetries.axis_candidates import starting_axes
+from pipelines.grasping.symmetries.grounding import starting_axes
 from pipelines.metrics.paired_bootstrap import Difference
 from pipelines.runtime.batch import StageReport
 

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from pipelines.grasping.affordance import NUM_LEVELS, point_affordance
+from pipelines.refinement.copies import NUM_LEVELS, point_affordance
 
 seeds = st.integers(0, 2**32 - 1)
 

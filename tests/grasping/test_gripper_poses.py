@@ -6,8 +6,13 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from pipelines.geometry.transforms import rotation_about
-from pipelines.grasping.grasps import from_graspnet, to_graspnet
-from pipelines.grasping.gripper_poses import CLOSING_ALONG_X, CLOSING_ALONG_Y, gripper_poses
+from pipelines.grasping.grasps import (
+    CLOSING_ALONG_X,
+    CLOSING_ALONG_Y,
+    from_graspnet,
+    gripper_poses,
+    to_graspnet,
+)
 from tests.grasping.test_grasps import random_grasps
 
 seeds = st.integers(0, 2**32 - 1)

@@ -17,7 +17,7 @@ from pipelines.grasping.feasibility.feasibility import Feasibility
 from pipelines.grasping.feasibility.limits import Limits
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.planner import Pass, RegionModel, RegionPlanner, planar_pass, random_pass
-from pipelines.grasping.ranking.suppression import are_near
+from pipelines.grasping.ranking.ranking import are_near
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from tests.geometry.tabletops import CAMERA, Ball, Box, Can
 from tests.grasping.seen_regions import believed, box_planes, seen

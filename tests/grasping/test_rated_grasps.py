@@ -5,9 +5,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from pipelines.grasping.affordance import point_affordance
 from pipelines.grasping.grasps import GraspPoses
-from pipelines.grasping.rated_grasps import BestOfPlaces, GraspSample, RatedGrasps
+from pipelines.grasping.rated_grasps import GraspSample, RatedGrasps, best_of_places
+from pipelines.refinement.copies import point_affordance
 
 seeds = st.integers(0, 2**32 - 1)
 few = settings(max_examples=25, deadline=None)
@@ -87,12 +87,11 @@ def test_an_empty_stream_is_an_empty_sample():
 @given(seeds, st.lists(st.integers(0, 300), max_size=6))
 def test_the_best_of_places_does_not_depend_on_how_the_stream_is_cut(seed, cuts):
     grasps = stream(np.random.default_rng(seed))
-    whole, pieces = BestOfPlaces(0.01), BestOfPlaces(0.01)
-    whole.add(grasps)
+    whole, pieces = best_of_places([grasps], 0.01), RatedGrasps.empty()
     for part in np.split(np.arange(len(grasps)), sorted(cuts)):
-        pieces.add(grasps[part])
-    assert_array_equal(pieces.result().grasps.contacts, whole.result().grasps.contacts)
-    assert_array_equal(pieces.result().quality, whole.result().quality)
+        pieces = best_of_places([pieces, grasps[part]], 0.01)
+    assert_array_equal(pieces.grasps.contacts, whole.grasps.contacts)
+    assert_array_equal(pieces.quality, whole.quality)
 
 
 @few
@@ -101,9 +100,7 @@ def test_the_best_of_places_spreads_the_quality_of_all(seed):
     rng = np.random.default_rng(seed)
     size, radius = 0.002, 0.02
     grasps = rated(rng.uniform(-0.05, 0.05, (400, 2, 3)), rng.integers(1, 10, 400) / 10.0)
-    places = BestOfPlaces(size)
-    places.add(grasps)
-    best, points = places.result(), rng.uniform(-0.05, 0.05, (60, 3))
+    best, points = best_of_places([grasps], size), rng.uniform(-0.05, 0.05, (60, 3))
 
     def spread(some, reach):
         return point_affordance(points, some.grasps.contacts, some.quality, reach)

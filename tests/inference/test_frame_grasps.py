@@ -20,7 +20,7 @@ from pipelines.geometry.symmetry import ReflectionSymmetry, SymmetrySlots
 from pipelines.geometry.transforms import transform_points
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.grasps import GraspPoses
-from pipelines.grasping.ranking.suppression import are_near
+from pipelines.grasping.ranking.ranking import are_near
 from pipelines.grasping.symmetries.by_fitting import symmetries_by_fitting
 from pipelines.inference import models
 from pipelines.inference.frame_grasps import Planner

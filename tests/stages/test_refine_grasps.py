@@ -31,13 +31,12 @@ from pipelines.geometry.symmetry import (
     SphereSymmetry,
 )
 from pipelines.geometry.transforms import random_rotation
-from pipelines.grasping.affordance import point_affordance
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.rated_grasps import RatedGrasps
 from pipelines.mesh_symmetry.detection.surface import Surface
 from pipelines.metrics.contacts import close_fingers
 from pipelines.metrics.force_closure import min_friction
-from pipelines.refinement.copies import Copier
+from pipelines.refinement.copies import Copier, point_affordance
 from pipelines.runtime.batch import BatchOptions
 from tests.stages.dataset_root import write_root
 

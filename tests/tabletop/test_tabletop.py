@@ -14,11 +14,11 @@ from pipelines.tabletop.footprint import GRID_CELL, Footprint
 from pipelines.tabletop.organized import smooth_normals
 from pipelines.tabletop.regions.things import Things
 from pipelines.tabletop.regions_geometric import _sound_regions, geometric_regions
+from pipelines.tabletop.support_plane import large_parts
 from pipelines.tabletop.tabletop import (
     CLEARLY,
     Tabletop,
     _above,
-    _large_parts,
     _near_plane,
     _spread,
     find_tabletop,
@@ -282,7 +282,7 @@ def test_large_parts_have_over_a_tenth_of_the_largest_area(seed, count):
         part = slice(8, 8 + height), slice(40 * place + 8, 40 * place + 8 + width)
         mask[part] = True
         expected[part] = height * width > 0.1 * sizes.prod(axis=1).max()
-    np.testing.assert_array_equal(_large_parts(mask), expected)
+    np.testing.assert_array_equal(large_parts(mask.view(np.uint8)), expected)
 
 
 @given(st.integers(0, 2**31), st.sampled_from([0.0, 0.03]))

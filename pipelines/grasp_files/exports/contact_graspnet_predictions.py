@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from pipelines.grasp_files.exports.grasp_exports import ExportHeader, FrameGrasps
-from pipelines.grasping.gripper_poses import CLOSING_ALONG_X, gripper_poses
+from pipelines.grasping.grasps import CLOSING_ALONG_X, gripper_poses
 from pipelines.storage.files import write_npz
 
 # Metres from the origin of the Franka hand to the middle of its finger pads: where the contacts of

@@ -15,8 +15,7 @@ from pipelines.geometry.symmetry import KIND_OF_SLOT
 from pipelines.geometry.transforms import matrix_to_quaternion
 from pipelines.grasp_files.exports.export_poses import ExportGripper, PoseFrame
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable
-from pipelines.grasping.grasps import GraspPoses
-from pipelines.grasping.gripper_poses import CLOSING_ALONG_Y, gripper_poses
+from pipelines.grasping.grasps import CLOSING_ALONG_Y, GraspPoses, gripper_poses
 from pipelines.storage.files import LONGEST_NAME, real_path
 
 LONGEST_PREFIX, LONGEST_SUFFIX = "predictions_", ".yaml"  # that any format puts to a frame's name

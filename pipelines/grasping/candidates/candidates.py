@@ -1,11 +1,26 @@
-"""Contact pairs of a region with the approaches to try at each, before any check."""
+"""Contact pairs of a region with the approaches to try at each, before any check.
 
+Pairs of graspable points and their counterparts under a symmetry (Sec. III-E, III-F), and random
+antipodal pairs, a baseline without any prediction.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from pipelines.array_types import Array, Indices
+from pipelines.array_types import Array, Indices, Mask
+from pipelines.configs import CandidateConfig
+from pipelines.geometry.numerics.compiled import compiled
+from pipelines.geometry.pointcloud import voxel_downsample
+from pipelines.geometry.symmetry import Symmetry
+from pipelines.geometry.transforms import unit
+from pipelines.grasping.feasibility.feasibility import Feasibility
 from pipelines.grasping.scene import RegionCloud, SceneCloud
+from pipelines.grasping.symmetries.observed_frustum import in_observed_frustum
+
+DRAWS = 4000  # random pairs of points
+LEAST_COSINE = np.cos(0.7)  # of the angle between both normals and the line, radians
 
 
 @dataclass(frozen=True)
@@ -41,9 +56,8 @@ class GraspCandidates:
     @classmethod
     def none(cls, angles: Array, source: str) -> "GraspCandidates":
         """Return no contact pairs."""
-        return cls.without_symmetry(
-            np.zeros((0, 2, 3)), np.zeros((0, 3)), angles, np.zeros(0), source
-        )
+        pairs, approach = np.zeros((0, 2, 3)), np.zeros((0, 3))
+        return cls.without_symmetry(pairs, approach, angles, np.zeros(0), source)
 
     def __len__(self) -> int:
         return len(self.quality)
@@ -57,3 +71,93 @@ def every_angle(count: int) -> Array:
 def base_approach(region: RegionCloud, scene: SceneCloud) -> Array:
     """Return the unit direction (3,) of approach angle 0: into the table, or along the view."""
     return region.view_ray if scene.inward is None else scene.inward
+
+
+def symmetric_candidates(
+    region: RegionCloud,
+    symmetries: Sequence[tuple[int, Symmetry]],
+    affordance: Array,
+    config: CandidateConfig,
+    feasibility: Feasibility,
+) -> GraspCandidates:
+    """Return pairs of the graspable points of `region` with their counterparts.
+
+    Of several `symmetries`, each with its slot, the one whose counterpart's normal is closest to
+    antiparallel wins (D. 5): mirroring turns a normal n into n - 2 (n.m) m, so that is the largest
+    |n.m|, and the same for an axis or a centre with the direction across it. `affordance`: (n,) of
+    the points.
+    """
+    scene, angles = feasibility.scene, every_angle(config.num_approach_angles)
+    chosen = np.flatnonzero(affordance > config.min_affordance)
+    if not symmetries or not len(chosen):
+        return GraspCandidates.none(angles, "network")
+    points, normals = region.points[chosen], region.normals[chosen]
+    images = np.stack([symmetry.counterpart(points) for _, symmetry in symmetries], 1)
+    real = in_observed_frustum(images.reshape(-1, 3), scene).reshape(images.shape[:2])
+    best, cosine = _best_images(points, normals, images, real, feasibility.widths)
+    kept = np.flatnonzero(best >= 0)
+    kept = kept[np.argsort(-affordance[chosen[kept]] * cosine[kept], kind="stable")]
+    kept = kept[voxel_downsample(points[kept], config.pair_spacing)[: config.max_pairs]]
+    first = affordance[chosen[kept]]
+    return GraspCandidates(
+        np.stack([points[kept], images[kept, best[kept]]], 1),
+        np.broadcast_to(base_approach(region, scene), (len(kept), 3)),
+        angles,
+        first * cosine[kept],
+        first,
+        np.array([slot for slot, _ in symmetries])[best[kept]],
+        "network",
+    )
+
+
+@compiled
+def _best_images(
+    points: Array, normals: Array, images: Array, real: Mask, widths: tuple[float, float]
+) -> tuple[Indices, Array]:
+    """Return which of its `images` (n, k, 3) each of `points` (n, 3) is paired with, -1 for none.
+
+    And the cosine (n,) between its normal and the line to it. `widths`: the least and greatest.
+    """
+    narrow, wide = widths
+    best, cosine = np.full(len(points), -1, np.int64), np.zeros(len(points))
+    for n in range(len(points)):
+        for k in range(images.shape[1]):
+            x = images[n, k, 0] - points[n, 0]
+            y = images[n, k, 1] - points[n, 1]
+            z = images[n, k, 2] - points[n, 2]
+            width = np.sqrt(x * x + y * y + z * z)
+            if not (real[n, k] and narrow < width < wide):
+                continue
+            x, y, z = x / width, y / width, z / width
+            facing = abs(x * normals[n, 0] + y * normals[n, 1] + z * normals[n, 2])
+            if facing > cosine[n]:
+                best[n], cosine[n] = k, facing
+    return best, cosine
+
+
+def random_candidates(
+    region: RegionCloud, config: CandidateConfig, feasibility: Feasibility, rng: np.random.Generator
+) -> GraspCandidates:
+    """Return random pairs of the points of `region` that the gripper's width allows.
+
+    Both normals are within 40 degrees of the line between the points, where such pairs are
+    seen from one side; where none is drawn, all pairs are returned, the least bad first.
+    """
+    first, second = rng.integers(0, len(region), (2, DRAWS))
+    contacts = np.stack([region.points[first], region.points[second]], 1)
+    line = contacts[:, 1] - contacts[:, 0]
+    along, width = unit(line), np.linalg.norm(line, axis=1)
+    cosine = np.minimum(
+        -np.einsum("ni,ni->n", along, region.normals[first]),
+        np.einsum("ni,ni->n", along, region.normals[second]),
+    )
+    narrow, wide = feasibility.widths
+    fits = (width >= narrow) & (width <= wide)
+    chosen = np.flatnonzero(fits & (cosine > LEAST_COSINE))
+    if not len(chosen):  # nothing antipodal is seen
+        order = np.argsort(-cosine, kind="stable")
+        chosen = order[fits[order]]
+    contacts = contacts[chosen[: config.max_pairs]]
+    approach = np.broadcast_to(base_approach(region, feasibility.scene), (len(contacts), 3))
+    angles, quality = every_angle(config.num_approach_angles), np.ones(len(contacts))
+    return GraspCandidates.without_symmetry(contacts, approach, angles, quality, "random")

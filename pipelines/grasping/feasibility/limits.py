@@ -85,25 +85,20 @@ class Limits:
 def check_limits(config: LimitsConfig) -> None:
     """Raise ValueRangeError or UnknownNameError if `config` holds impossible limits."""
     check_settings(config)
-    box = np.asarray(config.box, np.float64)
+    given, box = list(config.box), np.asarray(config.box, np.float64)
     if len(box) and not (len(box) == 6 and np.isfinite(box).all() and (box[:3] < box[3:]).all()):
-        raise ValueRangeError(
-            "--workspace",
-            list(config.box),
-            "x0,y0,z0,x1,y1,z1 in metres, each first below its last",
-        )
+        expected = "x0,y0,z0,x1,y1,z1 in metres, each first below its last"
+        raise ValueRangeError("--workspace", given, expected)
     if len(box) and np.abs(box).max() > FARTHEST:
         expected = f"within {FARTHEST:g} m; divide millimetres by 1000"
-        raise ValueRangeError("--workspace", list(config.box), expected)
+        raise ValueRangeError("--workspace", given, expected)
     direction = np.asarray(config.approach_direction, np.float64)
     if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
-        raise ValueRangeError(
-            "--approach-direction", list(config.approach_direction), "x,y,z, not all zero"
-        )
+        given = list(config.approach_direction)
+        raise ValueRangeError("--approach-direction", given, "x,y,z, not all zero")
     if not 0.0 < config.approach_cone <= ANY_DIRECTION:
-        raise ValueRangeError(
-            "--approach-cone", config.approach_cone, "degrees from its axis, above 0, at most 180"
-        )
+        expected = "degrees from its axis, above 0, at most 180"
+        raise ValueRangeError("--approach-cone", config.approach_cone, expected)
 
 
 def _frame(name: str, plane: Plane | None) -> Array:
@@ -111,7 +106,6 @@ def _frame(name: str, plane: Plane | None) -> Array:
     if name == "camera":
         return np.eye(4)
     if plane is None:
-        raise ValueRangeError(
-            "table of this frame", "not found", "in view, or the limits given in the camera's frame"
-        )
+        expected = "in view, or the limits given in the camera's frame"
+        raise ValueRangeError("table of this frame", "not found", expected)
     return table_from_camera(plane)

@@ -1,7 +1,6 @@
 """The observed points around a region, which a gripper there must not meet."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,16 +20,14 @@ class Surroundings:
     """The observed points around a region, thinned.
 
     Attributes:
-        points: (n, 3) measured points above the floor, one a cell.
-        count: (n,) measured points in the cell that each stands for.
+        all: measured points above the floor, one a cell, those of the region too.
         others: all that do not belong to the region, beneath the floor as well.
         centre: (3,) metres, of the ball that they lie in.
         radius: metres, of the same.
         floor: beneath which no gripper comes; None for none.
     """
 
-    points: Array
-    count: Counts
+    all: Obstacles
     others: Obstacles
     centre: Array
     radius: float
@@ -50,16 +47,8 @@ class Surroundings:
         centre, radius = (low + high) / 2.0, float(np.linalg.norm(high - low)) / 2.0 + reach
         window = _window(centre, radius, scene.intrinsics, scene.depth.shape)
         seen = scene.depth, scene.intrinsics.image_plane, region.mask, window
-        points, count, other_points, other_count = _cells_about(
-            *seen, centre, radius, resolution, _numbers(floor)
-        )
-        others = Obstacles(other_points, other_count)
-        return cls(points, count, others, centre, radius, floor)
-
-    @cached_property
-    def all(self) -> Obstacles:
-        """All of the points, those of the region too."""
-        return Obstacles(self.points, self.count)
+        found = _cells_about(*seen, centre, radius, resolution, _numbers(floor))
+        return cls(Obstacles(*found[:2]), Obstacles(*found[2:]), centre, radius, floor)
 
     def with_unseen(self, points: Array) -> "Surroundings":
         """Return these and those of `points` (m, 3), known by symmetry alone, that lie in the ball.
@@ -69,11 +58,9 @@ class Surroundings:
         near = _within(points, self.centre, self.radius, _numbers(self.floor))
         if not len(near):
             return self
-        return replace(
-            self,
-            points=np.concatenate([self.points, points.take(near, axis=0)]),
-            count=np.concatenate([self.count, np.ones(len(near), np.int64)]),
-        )
+        joined = np.concatenate([self.all.points, points.take(near, axis=0)])
+        count = np.concatenate([self.all.count, np.ones(len(near), np.int64)])
+        return replace(self, all=Obstacles(joined, count))
 
 
 def _window(

@@ -101,56 +101,42 @@ class GraspFeatures:
 
     def candidates(self) -> Singles:
         """Return (k, 49) the `CANDIDATE_FEATURES` of the grasps."""
-        columns = [block.values(self) for block in CANDIDATE_BLOCKS]
+        columns = [values(self) for values in CANDIDATE_BLOCKS.values()]
         return np.column_stack(columns).astype(np.float32)
-
-
-@dataclass(frozen=True)
-class Block:
-    """Features of grasps that are worked out together: their names and their columns (k, names)."""
-
-    names: tuple[str, ...]
-    values: Callable[[GraspFeatures], Array | Singles | Mask]
 
 
 def _along_axes(name: str, axes: int = 3) -> tuple[str, ...]:
     return tuple(f"{name}_{axis}" for axis in ("approach", "closing", "binormal")[:axes])
 
 
-CANDIDATE_BLOCKS = (
-    Block(("width",), lambda of: 10.0 * of.found.grasps.width),
-    Block(
-        _along_axes("up"), lambda of: np.einsum("kia,i->ka", of.found.grasps.rotation, of.known.up)
+# Features that are worked out together: their names, and their columns (k, names).
+CANDIDATE_BLOCKS: dict[tuple[str, ...], Callable[[GraspFeatures], Array | Singles | Mask]] = {
+    ("width",): lambda of: 10.0 * of.found.grasps.width,
+    _along_axes("up"): lambda of: np.einsum("kia,i->ka", of.found.grasps.rotation, of.known.up),
+    _along_axes("view", 2): lambda of: np.einsum(
+        "kia,ki->ka", of.found.grasps.rotation[..., :2], unit(of.found.grasps.translation)
     ),
-    Block(
-        _along_axes("view", 2),
-        lambda of: np.einsum(
-            "kia,ki->ka", of.found.grasps.rotation[..., :2], unit(of.found.grasps.translation)
-        ),
+    ("stability",): lambda of: of.stability,
+    ("visible_fraction",): lambda of: of.visible,
+    ("scene_clearance",): lambda of: 20.0 * of.found.clearance,
+    ("enclosed_height",): lambda of: 30.0 * of.found.enclosed_height,
+    ("affordance",): lambda of: of.found.affordance,
+    ("confidence",): lambda of: of._slot_confidence,
+    ("is_reflection",): lambda of: (of.found.slot >= 0) & (of.found.slot < ROTATION_SLOT),
+    ("is_rotation",): lambda of: of.found.slot == ROTATION_SLOT,
+    ("is_sphere",): lambda of: of.found.slot == SPHERE_SLOT,
+    ("is_planar",): lambda of: of.found.slot < 0,
+    ("height",): lambda of: 10.0 * of.known.heights(of.found.grasps.translation),
+    ("measured_between", "hidden_between"): lambda of: of._between_fingers[1] / 50.0,
+    PATCH_FEATURES: lambda of: contact_patches(of.found.grasps, of.known.region),
+    (*_along_axes("mean"), *_along_axes("spread"), *_along_axes("middle")): lambda of: _extent(
+        of.found.grasps, of.known.region
     ),
-    Block(("stability",), lambda of: of.stability),
-    Block(("visible_fraction",), lambda of: of.visible),
-    Block(("scene_clearance",), lambda of: 20.0 * of.found.clearance),
-    Block(("enclosed_height",), lambda of: 30.0 * of.found.enclosed_height),
-    Block(("affordance",), lambda of: of.found.affordance),
-    Block(("confidence",), lambda of: of._slot_confidence),
-    Block(("is_reflection",), lambda of: (of.found.slot >= 0) & (of.found.slot < ROTATION_SLOT)),
-    Block(("is_rotation",), lambda of: of.found.slot == ROTATION_SLOT),
-    Block(("is_sphere",), lambda of: of.found.slot == SPHERE_SLOT),
-    Block(("is_planar",), lambda of: of.found.slot < 0),
-    Block(("height",), lambda of: 10.0 * of.known.heights(of.found.grasps.translation)),
-    Block(("measured_between", "hidden_between"), lambda of: of._between_fingers[1] / 50.0),
-    Block(PATCH_FEATURES, lambda of: contact_patches(of.found.grasps, of.known.region)),
-    Block(
-        (*_along_axes("mean"), *_along_axes("spread"), *_along_axes("middle")),
-        lambda of: _extent(of.found.grasps, of.known.region),
+    tuple(f"confidence_{slot}" for slot in range(NUM_SLOTS)): lambda of: np.broadcast_to(
+        of.known.symmetries.existence, (len(of.found), NUM_SLOTS)
     ),
-    Block(
-        tuple(f"confidence_{slot}" for slot in range(NUM_SLOTS)),
-        lambda of: np.broadcast_to(of.known.symmetries.existence, (len(of.found), NUM_SLOTS)),
-    ),
-)
-CANDIDATE_FEATURES = tuple(name for block in CANDIDATE_BLOCKS for name in block.names)
+}
+CANDIDATE_FEATURES = tuple(name for names in CANDIDATE_BLOCKS for name in names)
 
 
 def grasp_frame(points: Array, grasps: GraspPoses) -> Singles:

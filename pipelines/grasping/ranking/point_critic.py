@@ -48,12 +48,10 @@ class FeatureNames:
     def weight_shapes(self) -> dict[str, tuple[int, ...]]:
         """Return the shape of each of the network's weights by name."""
         point, shared, candidate = len(self.point), len(self.shared), len(self.candidate)
-        last_input = 2 * POINT_WIDTHS[-1] + candidate + shared
+        joined = 2 * POINT_WIDTHS[-1] + candidate + shared
+        layers = {"point": (point + shared, *POINT_WIDTHS), "last": (joined, *LAST_WIDTHS)}
         shapes: dict[str, tuple[int, ...]] = {}
-        for name, widths in (
-            ("point", (point + shared, *POINT_WIDTHS)),
-            ("last", (last_input, *LAST_WIDTHS)),
-        ):
+        for name, widths in layers.items():
             for index, (wide, narrow) in enumerate(pairwise(widths)):
                 shapes[f"{name}.{index}.weight"] = narrow, wide
                 shapes[f"{name}.{index}.bias"] = (narrow,)
@@ -101,22 +99,12 @@ class PointCritic:
     def _layer(self, name: str, rows: Numbers) -> Numbers:
         return rows @ self.weights[f"{name}.weight"].T + self.weights[f"{name}.bias"]
 
-    def probability(
-        self,
-        points: Singles,  # (k, n, p)
-        shared: Singles,  # (k, s)
-        candidates: Singles,  # (k, c)
-    ) -> Array:
+    def probability(self, points: Singles, shared: Singles, candidates: Singles) -> Array:
         """Return the probability (k,) that candidates are right, or the quality to expect."""
         bias, slope = self.weights["calibration"].astype(np.float64)
         return np.asarray(expit(bias + slope * self.fast_logits(points, shared, candidates)))
 
-    def fast_logits(
-        self,
-        points: Singles,  # (k, n, p)
-        shared: Singles,  # (k, s)
-        candidates: Singles,  # (k, c)
-    ) -> Singles:
+    def fast_logits(self, points: Singles, shared: Singles, candidates: Singles) -> Singles:
         """Return what `logits` does, up to rounding, in less time."""
         parts = [slice(start, start + CHUNK) for start in range(0, max(1, len(points)), CHUNK)]
         pooled = [self._pooled(points[part], shared[part]) for part in parts]

@@ -125,12 +125,13 @@ def _evidence(
     normal = np.array([plane.normal for plane in planes])
     images = mirrored.images
     free = in_observed_frustum(images.reshape(-1, 3), scene).reshape(images.shape[:2])
-    on_surface, beside = _meetings(mirrored)
+    near = mirrored.distance < BESIDE
+    meets = (np.abs(mirrored.gap) < ON_SURFACE) & (mirrored.agreement > MATCH_NORMAL)
     low, _, high = mirrored.sides.T
     tilt, off_halfway = _against_table(planes, normal, region)
     return {
-        "on_surface": on_surface,
-        "beside_surface": beside,
+        "on_surface": (near & meets).mean(axis=1),
+        "beside_surface": (near & ~meets).mean(axis=1),
         "consistency": free.mean(axis=1),
         "off_middle": np.minimum(np.abs(low + high) / np.maximum(high - low, 1e-3), 1.0),
         "facing": (np.abs(region.normals @ normal.T) > FACING).mean(axis=0),
@@ -139,13 +140,6 @@ def _evidence(
         "off_halfway": off_halfway,
         "size": np.full(len(planes), np.linalg.norm(points.max(axis=0) - points.min(axis=0))),
     }
-
-
-def _meetings(mirrored: MirrorImages) -> tuple[Array, Array]:
-    """Return shares (k,) of the images on the seen surface, and beside it."""
-    meets = (np.abs(mirrored.gap) < ON_SURFACE) & (mirrored.agreement > MATCH_NORMAL)
-    near = mirrored.distance < BESIDE
-    return (near & meets).mean(axis=1), (near & ~meets).mean(axis=1)
 
 
 def _against_table(

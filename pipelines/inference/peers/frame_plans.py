@@ -12,7 +12,7 @@ from pipelines.grasping.feasibility.feasibility import Feasibility
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.ranked_grasps import RankedGrasps
-from pipelines.grasping.ranking.suppression import non_maximum_suppression
+from pipelines.grasping.ranking.ranking import non_maximum_suppression
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.inference.observation import Observation
 from pipelines.inference.plans import Plan

@@ -14,8 +14,7 @@ from pipelines.evaluation.frame_scores import assign_regions
 from pipelines.evaluation.truth import TruthReader
 from pipelines.geometry.symmetry import REFLECTION_SLOTS, ROTATION_SLOT, SPHERE_SLOT
 from pipelines.grasp_files.gripper_files import load_gripper
-from pipelines.grasping.feasibility.feasibility import Feasibility
-from pipelines.grasping.feasibility.opening_margin import with_opening_margin
+from pipelines.grasping.feasibility.feasibility import Feasibility, with_opening_margin
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.planner import MIN_POINTS, RegionModel, RegionPlanner

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from pipelines.configs import SelectionConfig
 from pipelines.grasp_files.gripper_files import load_gripper
-from pipelines.grasping.candidates import height_map, planar
+from pipelines.grasping.candidates import planar
 from pipelines.grasping.feasibility.feasibility import Feasibility
 from pipelines.grasping.planner import RegionModel, RegionPlanner, planar_pass
 from pipelines.grasping.scene import RegionCloud
@@ -59,7 +59,7 @@ def test_the_pairs_of_a_slice_are_those_of_a_loop(shape):
     cap = CONFIG.ranking.clearance_cap
     checks = Feasibility.at(region, scene, GRIPPER, CONFIG.feasibility, cap)
     for approach in planar.approach_directions(region, scene):
-        view = height_map.HeightMap.of(region.points, approach)
+        view = planar.HeightMap.of(region.points, approach)
         for at, _ in planar._slice_depths(view, checks):
             expected = naive_pairs(view, at, region)
             cells, quality = planar._slice_pairs(view, at, region, checks)
@@ -80,12 +80,12 @@ def test_the_pairs_of_a_slice_are_those_of_a_loop(shape):
 def test_a_cell_holds_its_nearest_point(seed, count):
     rng = np.random.default_rng(seed)
     local = rng.uniform(-0.05, 0.05, (count, 3)) * rng.choice([0.05, 1.0])
-    low, cell, depth = height_map._nearest_in_cells(local)
+    low, cell, depth = planar._nearest_in_cells(local)
     np.testing.assert_array_equal(low, local[:, 1:].min(axis=0))
     extent = np.ptp(local[:, 1:], axis=0)
-    assert cell == max(height_map.MIN_CELL, extent.max() / height_map.MAX_CELLS)
-    expected = np.full((extent[::-1] / cell).astype(int) + 1 + 2 * height_map.MARGIN, np.inf)
-    column, row = ((local[:, 1:] - low) / cell).astype(int).T + height_map.MARGIN
+    assert cell == max(planar.MIN_CELL, extent.max() / planar.MAX_CELLS)
+    expected = np.full((extent[::-1] / cell).astype(int) + 1 + 2 * planar.MARGIN, np.inf)
+    column, row = ((local[:, 1:] - low) / cell).astype(int).T + planar.MARGIN
     np.minimum.at(expected, (row, column), local[:, 0])
     np.testing.assert_array_equal(depth, expected)
 
@@ -98,7 +98,7 @@ def test_holes_are_as_near_as_the_nearest_cell_around(seed):
     inside = (rng.uniform(size=(12, 9)) < 0.5).astype(np.uint8)
     near = planar.cv2.erode(depth, np.ones((5, 5), np.uint8), borderValue=np.inf)
     expected = np.where(np.isfinite(depth) | (inside == 0), depth, near)
-    np.testing.assert_array_equal(height_map._filled(depth, inside), expected)
+    np.testing.assert_array_equal(planar._filled(depth, inside), expected)
 
 
 @given(seeds, st.integers(0, 20))

@@ -10,7 +10,7 @@ from pipelines.configs import SelectionConfig
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry
 from pipelines.geometry.transforms import invert, transform_points, unit
 from pipelines.grasp_files.gripper_files import load_gripper
-from pipelines.grasping.candidates.symmetric import (
+from pipelines.grasping.candidates.candidates import (
     _best_images,
     symmetric_candidates,
 )

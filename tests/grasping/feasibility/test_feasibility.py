@@ -31,7 +31,7 @@ def free(grasps, near, far=NOTHING, gripper=None, config=CONFIG):
     """Whether paths are free of the points `near` a region and `far` from it."""
     scene = SceneCloud(np.zeros((240, 320)), CAMERA)
     scene.__dict__["coarse"] = far
-    around = Surroundings(near.points, near.count, NOTHING, np.zeros(3), 1.0, None)
+    around = Surroundings(near, NOTHING, np.zeros(3), 1.0, None)
     checks = Feasibility(gripper or load_gripper("rg2"), scene, around, None, config)
     return checks.has_free_path(grasps)
 

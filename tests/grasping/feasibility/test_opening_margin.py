@@ -9,8 +9,7 @@ from numpy.testing import assert_allclose
 from pipelines.configs import FeasibilityConfig, RankingConfig
 from pipelines.geometry.transforms import transform_points
 from pipelines.grasp_files.gripper_files import load_gripper
-from pipelines.grasping.feasibility.feasibility import Feasibility
-from pipelines.grasping.feasibility.opening_margin import with_opening_margin
+from pipelines.grasping.feasibility.feasibility import Feasibility, with_opening_margin
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.ranked_grasps import RankedGrasps
 from tests.geometry.tabletops import Box, looking_at_table

@@ -31,8 +31,8 @@ def test_around_a_region_is_the_first_point_of_every_cell_in_reach(reach, resolu
     cells = np.column_stack([np.floor((points - centre + radius) / resolution), own])
     _, first, count = np.unique(cells, axis=0, return_index=True, return_counts=True)
     found = Surroundings.of(region, scene, reach, resolution)
-    np.testing.assert_array_equal(found.points, points[first])
-    np.testing.assert_array_equal(found.count, count)
+    np.testing.assert_array_equal(found.all.points, points[first])
+    np.testing.assert_array_equal(found.all.count, count)
     foreign = ~own[first]
     np.testing.assert_array_equal(found.others.points, points[first][foreign])
     np.testing.assert_array_equal(found.others.count, count[foreign])
@@ -43,8 +43,10 @@ def test_unseen_points_within_reach_join_the_obstacles():
     around = Surroundings.of(region, scene, 0.1, 0.003)
     unseen = np.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [5.0, 0.0, 0.0]]) + around.centre
     joined = around.with_unseen(unseen)
-    np.testing.assert_array_equal(joined.points, np.concatenate([around.points, unseen[:2]]))
-    np.testing.assert_array_equal(joined.count, np.append(around.count, [1, 1]))
+    np.testing.assert_array_equal(
+        joined.all.points, np.concatenate([around.all.points, unseen[:2]])
+    )
+    np.testing.assert_array_equal(joined.all.count, np.append(around.all.count, [1, 1]))
     assert joined.others is around.others
 
 
@@ -52,14 +54,13 @@ def test_points_beneath_the_floor_are_no_obstacles_but_known_as_others():
     scene, region = seen(0)
     floor = Plane(scene.plane.normal, scene.plane.offset - 0.03)
     whole, high = (Surroundings.of(region, scene, 0.1, 0.003, each) for each in (None, floor))
-    above = floor.height(whole.points) > 0.0
-    np.testing.assert_array_equal(high.points, whole.points[above])
-    np.testing.assert_array_equal(high.count, whole.count[above])
+    above = floor.height(whole.all.points) > 0.0
+    np.testing.assert_array_equal(high.all.points, whole.all.points[above])
+    np.testing.assert_array_equal(high.all.count, whole.all.count[above])
     np.testing.assert_array_equal(high.others.points, whole.others.points)
     np.testing.assert_array_equal(high.others.count, whole.others.count)
     unseen = high.centre - floor.height(high.centre) * floor.normal
     unseen = unseen + np.outer([-0.01, 0.01], floor.normal)
     joined = high.with_unseen(unseen)
-    np.testing.assert_array_equal(joined.points, np.concatenate([high.points, unseen[1:]]))
-    np.testing.assert_array_equal(joined.all.points, joined.points)
+    np.testing.assert_array_equal(joined.all.points, np.concatenate([high.all.points, unseen[1:]]))
     assert high.with_unseen(unseen[:1]) is high

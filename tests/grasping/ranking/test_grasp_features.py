@@ -78,8 +78,8 @@ def test_shapes_are_as_documented_for_any_number_of_hands():
 
 def test_each_block_of_features_has_as_many_columns_as_names_and_no_name_is_given_twice():
     seen = views(hands(3))
-    for block in grasp_features.CANDIDATE_BLOCKS:
-        assert np.column_stack([block.values(seen)]).shape == (3, len(block.names)), block.names
+    for names, values in grasp_features.CANDIDATE_BLOCKS.items():
+        assert np.column_stack([values(seen)]).shape == (3, len(names)), names
     assert len(set(CANDIDATE_FEATURES)) == len(CANDIDATE_FEATURES)
 
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from pipelines.configs import RankingConfig
 from pipelines.geometry.transforms import random_rotation, rotation_about
 from pipelines.grasping.grasps import GraspPoses
-from pipelines.grasping.ranking.suppression import are_near, non_maximum_suppression
+from pipelines.grasping.ranking.ranking import are_near, non_maximum_suppression
 
 CONFIG = RankingConfig()
 DISTANCE, ANGLE = CONFIG.nms_distance, CONFIG.nms_angle

@@ -7,7 +7,7 @@ from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.geometry.transforms import make_pose, random_rotation, rotate_vectors, unit
 from pipelines.geometry.transforms import transform_points as moved
-from pipelines.grasping.symmetries.axis_candidates import middle_of_outline, starting_axes
+from pipelines.grasping.symmetries.grounding import middle_of_outline, starting_axes
 from pipelines.grasping.symmetries.plane_candidates import NETWORK, SHAPE
 
 NOTHING = SymmetrySlots(np.zeros(5), np.full((5, 3), 9.0), np.tile(unit([1.0, 2.0, 3.0]), (5, 1)))

@@ -11,7 +11,7 @@ from pipelines.geometry.transforms import (
     transform_points,
     unit,
 )
-from pipelines.grasping.symmetries.votes import mean_slots
+from pipelines.inference.predicted_regions import mean_slots
 
 seeds = st.integers(0, 2**31)
 

@@ -38,21 +38,13 @@ class RegionedObject:
 
 @dataclass(frozen=True)
 class RegionInstance:
-    """One region of one object in a frame.
+    """One region of one object in a frame."""
 
-    Attributes:
-        object_id: number of the object in the dataset.
-        name: name of the region.
-        mask: (H, W) pixels that show the region.
-        visible: share of the region's surface toward the camera that the mask holds, 0 to 1.
-        symmetries: symmetries of the region, camera frame, metres.
-    """
-
-    object_id: int
-    name: str
-    mask: Mask
-    visible: float
-    symmetries: tuple[Symmetry, ...]
+    object_id: int  # in the dataset
+    name: str  # of the region
+    mask: Mask  # (H, W) pixels that show the region
+    visible: float  # share of the region's surface toward the camera that the mask holds, 0 to 1
+    symmetries: tuple[Symmetry, ...]  # of the region, camera frame, metres
 
 
 def visible_regions(

@@ -15,15 +15,11 @@ MAX_CROSSINGS = 64  # of one line; what a gripper may hold has far fewer
 
 @dataclass(frozen=True)
 class Crossings:
-    """Crossings of lines with a surface, nearest first.
+    """Crossings of lines with a surface, nearest first."""
 
-    Attributes:
-        distance: (n, k) metres from each line's start, ascending; inf where there is no more.
-        cosine: (n, k) between the line and the outward normal: positive where the line leaves
-            the object, negative where it enters; 0 where there is no more.
-    """
-
-    distance: Array
+    distance: Array  # (n, k) metres from each line's start, ascending; inf where there is no more
+    # (n, k) between the line and the outward normal: positive where the line leaves the
+    # object, negative where it enters; 0 where there is no more
     cosine: Array
 
     def __getitem__(self, index: Mask | np.bool_) -> "Crossings":

@@ -32,19 +32,12 @@ NUM_BOUNDS = 60  # planes around the mesh; beyond them the middle of a line has 
 
 @dataclass(frozen=True)
 class LabelTarget:
-    """A mesh prepared for labelling.
+    """A mesh prepared for labelling."""
 
-    Attributes:
-        mesh: object frame, metres.
-        surface: patches of the mesh.
-        directions: (k, 3) unit vectors.
-        bounds: (2, k) lowest and highest coordinate of the mesh along `directions`.
-    """
-
-    mesh: Mesh
+    mesh: Mesh  # object frame, metres
     surface: SurfacePatches
-    directions: Array
-    bounds: Array
+    directions: Array  # (k, 3) unit vectors
+    bounds: Array  # (2, k) lowest and highest coordinate of the mesh along `directions`
 
     @classmethod
     def from_mesh(cls, mesh: Mesh) -> "LabelTarget":

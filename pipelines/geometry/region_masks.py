@@ -48,19 +48,12 @@ class RegionInstance:
 
 
 def visible_regions(
-    label: NDArray[np.integer],
+    label: NDArray[np.integer],  # (H, W) object id + 1, 0 = background, as in GraspNet
     intrinsics: Intrinsics,
-    poses: Sequence[tuple[int, ArrayLike]],
-    objects: Mapping[int, RegionedObject],
+    poses: Sequence[tuple[int, ArrayLike]],  # (object id, T_cam_obj (4, 4)) of the scene's objects
+    objects: Mapping[int, RegionedObject],  # by id; one that is missing here has no regions
 ) -> list[RegionInstance]:
-    """Return the regions that at least one pixel shows, in the order of `poses`.
-
-    Args:
-        label: (H, W) object id + 1, 0 = background, as in GraspNet.
-        intrinsics: intrinsics of the label image.
-        poses: (object id, T_cam_obj (4, 4)) of each object of the scene.
-        objects: objects by id; an object that is missing here has no regions.
-    """
+    """Return the regions that at least one pixel shows, in the order of `poses`."""
     instances = []
     for object_id, pose in poses:
         if object_id not in objects:

@@ -138,24 +138,17 @@ def _lines(
 
 
 def scene_collisions(
-    labels: Sequence[GraspLabel],
-    meshes: Sequence[Mesh],
-    poses_world: Sequence[ArrayLike],
+    labels: Sequence[GraspLabel],  # object frames
+    meshes: Sequence[Mesh],  # of the same objects, object frames
+    poses_world: Sequence[ArrayLike],  # (4, 4) each, object to world; z of the world points up
     *,
-    table_height: float = 0.0,
-    surroundings: Sequence[Mesh] = (),
+    table_height: float = 0.0,  # z of the table's top in the world, metres
+    surroundings: Sequence[Mesh] = (),  # obstacles that are no objects, world frame
 ) -> list[Mask]:
     """Return a scene's collision labels, (P_i, 300, 12, 4) for each object.
 
     True if the gripper collides with another object, the table or the surroundings, or if the
     object's label is infeasible or in collision with the object itself.
-
-    Args:
-        labels: labels of the objects, object frames.
-        meshes: meshes of the objects, object frames.
-        poses_world: (4, 4) each, object to world; z of the world points up.
-        table_height: z of the table's top in the world, metres.
-        surroundings: obstacles that are no objects, world frame.
     """
     fixed = [SurfacePatches.from_mesh(each) for each in surroundings]
     poses = [np.asarray(pose, np.float64) for pose in poses_world]

@@ -75,9 +75,7 @@ def _region_image(
 ) -> Indices:
     """Return the index (H, W) of the region at each pixel of `shown`; -1 elsewhere."""
     image = np.full(shown.shape, -1, dtype=np.int64)
-    only_whole = len(posed.regions) == 1 and len(posed.regions[0].triangles) == len(
-        posed.mesh.faces
-    )
+    only_whole = [len(region.triangles) for region in posed.regions] == [len(posed.mesh.faces)]
     if only_whole or not shown.any():
         image[shown] = 0
         return image

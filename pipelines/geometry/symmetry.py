@@ -183,22 +183,17 @@ class SymmetrySlots:
 
         Discrete rotations have no slot; the paper's rotation is continuous.
         """
-        placed: list[tuple[int, Symmetry, float]] = []
-        planes = 0
+        placed: list[tuple[int, Symmetry]] = []
+        planes = iter(REFLECTION_SLOTS)
         for symmetry in symmetries:
             match symmetry:
-                case ReflectionSymmetry():
-                    slot, planes = planes, planes + 1
-                    if slot >= len(REFLECTION_SLOTS):
-                        continue
+                case ReflectionSymmetry() if (slot := next(planes, None)) is not None:
+                    placed.append((slot, symmetry))
                 case RotationSymmetry(order=None):
-                    slot = ROTATION_SLOT
+                    placed.append((ROTATION_SLOT, symmetry))
                 case SphereSymmetry():
-                    slot = SPHERE_SLOT
-                case _:
-                    continue
-            placed.append((slot, symmetry, 1.0))
-        return cls.of(placed)
+                    placed.append((SPHERE_SLOT, symmetry))
+        return cls.of((slot, symmetry, 1.0) for slot, symmetry in placed)
 
     def symmetry(self, slot: int) -> Symmetry:
         """Return the symmetry that the parameters of `slot` describe."""

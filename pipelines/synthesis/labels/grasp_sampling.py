@@ -159,15 +159,11 @@ def scene_collisions(
     collisions = []
     for i, (label, pose) in enumerate(zip(labels, poses, strict=True)):
         others = SurfacePatches.concatenate([s for j, s in enumerate(surfaces) if j != i] + fixed)
-        collisions.append(_collides(label, pose, others.transformed(invert(pose)), table_height))
+        others = others.transformed(invert(pose))
+        width = label.offsets[..., 2]
+        height = transform_points(pose, label.points)[:, 2] - table_height
+        hit = label.collision | (label.min_friction <= 0) | hits_plane(width, pose[2, :3], height)
+        for row, point in enumerate(label.points.astype(np.float64)):
+            hit[row] |= hits_surface(others, point, ~hit[row], width[row])
+        collisions.append(np.asarray(hit))
     return collisions
-
-
-def _collides(label: GraspLabel, pose: Array, others: SurfacePatches, table_height: float) -> Mask:
-    """Return the mask (P, 300, 12, 4) of grasps in collision with `others` or the table."""
-    width = label.offsets[..., 2]
-    height = transform_points(pose, label.points)[:, 2] - table_height
-    hit = label.collision | (label.min_friction <= 0) | hits_plane(width, pose[2, :3], height)
-    for i, point in enumerate(label.points.astype(np.float64)):
-        hit[i] |= hits_surface(others, point, ~hit[i], width[i])
-    return np.asarray(hit)

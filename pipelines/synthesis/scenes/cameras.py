@@ -54,7 +54,7 @@ def drawn_viewpoints(
     count: int,
     lens: Intrinsics,
     rng: np.random.Generator,
-    arc: tuple[float, float] | None = None,  # middle and half width, radians; None: all around
+    arc: tuple[float, float] | None = None,  # azimuth's middle, half width, radians; None: all
     elevations: tuple[float, float] | None = None,  # lowest, highest, radians; None: `ELEVATIONS`
 ) -> Array:
     """Return poses T_table_cam (count, 4, 4) spread around `centre` (3,), all above it."""

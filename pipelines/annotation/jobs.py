@@ -79,28 +79,27 @@ def without_given(items: Sequence[WorkItem], path: Path, sources: Sources) -> li
 
 def edits_of(target: Path) -> str | None:
     """Return the digest of the corrections in an annotation; None without corrections."""
-    try:
-        stamp = read_stamp(target) if target.is_file() else None
-    except SymgraspError:  # processing the item reports that the file is no annotation
-        return None
-    return None if stamp is None else _inputs_of(stamp).get("edits")
+    return _inputs_of(_stamp_in(target)).get("edits")
 
 
 def is_to_correct(item: WorkItem) -> bool:
     """Return whether `item` is finished except for its corrections."""
     job: Job = item.arguments[0]
-    if job.edits is None or not item.target.is_file():
+    if job.edits is None:
         return False
-    try:
-        stamp = read_stamp(item.target) or {}
-    except SymgraspError:
-        return False
-    wanted = item.stamp.as_json()
+    stamp, wanted = _stamp_in(item.target), item.stamp.as_json()
     same = all(stamp.get(key) == wanted[key] for key in ("stage", "config", "seed"))
-    found = _inputs_of(stamp)
-    before = {key: value for key, value in found.items() if key != "edits"}
-    inputs = {key: value for key, value in wanted["inputs"].items() if key != "edits"}
-    return same and before == inputs and found.get("edits") != job.edits.digest
+    found, undone = _inputs_of(stamp), {"edits": None}
+    same &= {**found, **undone} == {**wanted["inputs"], **undone}
+    return same and found.get("edits") != job.edits.digest
+
+
+def _stamp_in(annotation: Path) -> dict[str, Any]:
+    """Return the stamp in a file; empty without a stamp, or if the file is no annotation."""
+    try:
+        return (read_stamp(annotation) or {}) if annotation.is_file() else {}
+    except SymgraspError:  # processing the item reports it
+        return {}
 
 
 def _inputs_of(stamp: Mapping[str, Any]) -> dict[str, Any]:

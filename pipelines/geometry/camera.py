@@ -25,14 +25,9 @@ class Intrinsics:
     height: int
 
     def __post_init__(self) -> None:
-        if not (
-            np.isfinite([self.fx, self.fy, self.cx, self.cy]).all() and min(self.fx, self.fy) > 0
-        ):
-            raise ValueRangeError(
-                "intrinsics",
-                (self.fx, self.fy, self.cx, self.cy),
-                "finite fx, fy > 0, cx, cy in pixels",
-            )
+        lens = self.fx, self.fy, self.cx, self.cy
+        if not (np.isfinite(lens).all() and min(self.fx, self.fy) > 0):
+            raise ValueRangeError("intrinsics", lens, "finite fx, fy > 0, cx, cy in pixels")
         size = (self.width, self.height)
         if min(size) < 1 or self.width * self.height > MAX_PIXELS:
             raise ValueRangeError("image size", size, f"positive, {MAX_PIXELS} pixels at most")

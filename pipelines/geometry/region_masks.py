@@ -38,37 +38,22 @@ class RegionedObject:
 
 @dataclass(frozen=True)
 class RegionInstance:
-    """One region of one object in a frame.
+    """One region of one object in a frame."""
 
-    Attributes:
-        object_id: number of the object in the dataset.
-        name: name of the region.
-        mask: (H, W) pixels that show the region.
-        visible: share of the region's surface toward the camera that the mask holds, 0 to 1.
-        symmetries: symmetries of the region, camera frame, metres.
-    """
-
-    object_id: int
-    name: str
-    mask: Mask
-    visible: float
-    symmetries: tuple[Symmetry, ...]
+    object_id: int  # in the dataset
+    name: str  # of the region
+    mask: Mask  # (H, W) pixels that show the region
+    visible: float  # share of the region's surface toward the camera that the mask holds, 0 to 1
+    symmetries: tuple[Symmetry, ...]  # of the region, camera frame, metres
 
 
 def visible_regions(
-    label: NDArray[np.integer],
+    label: NDArray[np.integer],  # (H, W) object id + 1, 0 = background, as in GraspNet
     intrinsics: Intrinsics,
-    poses: Sequence[tuple[int, ArrayLike]],
-    objects: Mapping[int, RegionedObject],
+    poses: Sequence[tuple[int, ArrayLike]],  # (object id, T_cam_obj (4, 4)) of the scene's objects
+    objects: Mapping[int, RegionedObject],  # by id; one that is missing here has no regions
 ) -> list[RegionInstance]:
-    """Return the regions that at least one pixel shows, in the order of `poses`.
-
-    Args:
-        label: (H, W) object id + 1, 0 = background, as in GraspNet.
-        intrinsics: intrinsics of the label image.
-        poses: (object id, T_cam_obj (4, 4)) of each object of the scene.
-        objects: objects by id; an object that is missing here has no regions.
-    """
+    """Return the regions that at least one pixel shows, in the order of `poses`."""
     instances = []
     for object_id, pose in poses:
         if object_id not in objects:
@@ -90,9 +75,7 @@ def _region_image(
 ) -> Indices:
     """Return the index (H, W) of the region at each pixel of `shown`; -1 elsewhere."""
     image = np.full(shown.shape, -1, dtype=np.int64)
-    only_whole = len(posed.regions) == 1 and len(posed.regions[0].triangles) == len(
-        posed.mesh.faces
-    )
+    only_whole = [len(region.triangles) for region in posed.regions] == [len(posed.mesh.faces)]
     if only_whole or not shown.any():
         image[shown] = 0
         return image

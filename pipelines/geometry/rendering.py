@@ -21,19 +21,12 @@ from pipelines.geometry.transforms import invert, rotate_vectors, transform_poin
 
 @dataclass(frozen=True)
 class Hits:
-    """First hits of the rays through the pixels of a view.
+    """First hits of the rays through the pixels of a view."""
 
-    Attributes:
-        depth: (H, W) metres along z, 0 where nothing is hit.
-        object_index: (H, W) index of the object in the scene, -1 where nothing is hit.
-        triangle_index: (H, W) index of the triangle in that object's mesh, or -1.
-        normal: (H, W, 3) unit, camera frame, toward the camera; zero where nothing is hit.
-    """
-
-    depth: Array
-    object_index: Indices
-    triangle_index: Indices
-    normal: Array
+    depth: Array  # (H, W) metres along z, 0 where nothing is hit
+    object_index: Indices  # (H, W) index of the object in the scene, -1 where nothing is hit
+    triangle_index: Indices  # (H, W) index of the triangle in that object's mesh, or -1
+    normal: Array  # (H, W, 3) unit, camera frame, toward the camera; zero where nothing is hit
 
 
 class Scene:

@@ -155,19 +155,14 @@ class ObjectRegion:
 
 @dataclass(frozen=True)
 class SymmetrySlots:
-    """Symmetries as the network's five slots: 0-2 reflection, 3 rotation, 4 sphere.
+    """Symmetries as the network's five slots: 0-2 reflection, 3 rotation, 4 sphere."""
 
-    Attributes:
-        existence: (5,) the belief that the slot's symmetry exists, 0 to 1: as predicted, or as fits
-            and their critics leave it; 0 or 1 for ground truth.
-        point: (5, 3) metres; nan where the slot is empty.
-        direction: (5, 3) unit; nan where the slot is empty, and for the sphere.
-        source: (5,) of the candidate: `network`, `shape` or `both`; empty where it is not known.
-    """
-
+    # (5,) the belief that the slot's symmetry exists, 0 to 1: as predicted, or as fits and
+    # their critics leave it; 0 or 1 for ground truth
     existence: Array
-    point: Array
-    direction: Array
+    point: Array  # (5, 3) metres; nan where the slot is empty
+    direction: Array  # (5, 3) unit; nan where the slot is empty, and for the sphere
+    # (5,) of the candidate: `network`, `shape` or `both`; empty where it is not known
     source: NDArray[np.str_] = field(default_factory=lambda: np.full(NUM_SLOTS, "", "U7"))
 
     @classmethod
@@ -188,22 +183,17 @@ class SymmetrySlots:
 
         Discrete rotations have no slot; the paper's rotation is continuous.
         """
-        placed: list[tuple[int, Symmetry, float]] = []
-        planes = 0
+        placed: list[tuple[int, Symmetry]] = []
+        planes = iter(REFLECTION_SLOTS)
         for symmetry in symmetries:
             match symmetry:
-                case ReflectionSymmetry():
-                    slot, planes = planes, planes + 1
-                    if slot >= len(REFLECTION_SLOTS):
-                        continue
+                case ReflectionSymmetry() if (slot := next(planes, None)) is not None:
+                    placed.append((slot, symmetry))
                 case RotationSymmetry(order=None):
-                    slot = ROTATION_SLOT
+                    placed.append((ROTATION_SLOT, symmetry))
                 case SphereSymmetry():
-                    slot = SPHERE_SLOT
-                case _:
-                    continue
-            placed.append((slot, symmetry, 1.0))
-        return cls.of(placed)
+                    placed.append((SPHERE_SLOT, symmetry))
+        return cls.of((slot, symmetry, 1.0) for slot, symmetry in placed)
 
     def symmetry(self, slot: int) -> Symmetry:
         """Return the symmetry that the parameters of `slot` describe."""

@@ -78,7 +78,9 @@ def symmetry_view(mesh: Mesh, symmetries: Sequence[Symmetry]) -> Array:
         # A view along a normal may show another plane edge on.
         square = [n for n in normals if any(abs(n @ other) < SQUARE_COSINE for other in normals)]
         along = crossings + square
-        best = max(along, key=lambda direction: _shown_area(mesh, direction))
+        best = max(
+            along, key=lambda view: float(np.abs(mesh.face_normals @ view) @ mesh.face_areas)
+        )
         up = max((np.cross(best, n) for n in normals), key=lambda v: float(v @ v))
         return view_along(mesh, -best if best[2] > 0 else best, up)
     if normals:
@@ -96,10 +98,6 @@ def _distinct(normals: Sequence[Array]) -> list[Array]:
         if all(abs(normal @ other) < SAME_NORMAL_COSINE for other in kept):
             kept.append(normal)
     return kept
-
-
-def _shown_area(mesh: Mesh, direction: Array) -> float:
-    return float(np.abs(mesh.face_normals @ direction) @ mesh.face_areas)
 
 
 def _along_plane(mesh: Mesh, normal: Array) -> Array:

@@ -38,17 +38,12 @@ LIKELY = 0.5  # nearness from which a sphere, for which there is no search, is r
 
 @dataclass(frozen=True)
 class Measure:
-    """The fit of one symmetry to a mesh.
+    """The fit of one symmetry to a mesh."""
 
-    Attributes:
-        strain: factor on the limits with which the symmetry would just hold; up to 1 it holds.
-        error: dense symmetry error of the surface against its image, the worst of its images.
-        roundness: smallest over largest misfit of the turns about a continuous axis: near 0 for a
-            polygon, which fits at some angles only; 1 for other symmetries.
-    """
-
-    strain: float
-    error: float
+    strain: float  # factor on the limits with which the symmetry would just hold; up to 1 it holds
+    error: float  # dense symmetry error of the surface against its image, the worst of its images
+    # smallest over largest misfit of the turns about a continuous axis: near 0 for a polygon,
+    # which fits at some angles only; 1 for other symmetries
     roundness: float = 1.0
 
 

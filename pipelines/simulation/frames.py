@@ -52,19 +52,12 @@ class PiecesReader:
 
 @dataclass(frozen=True)
 class RestedScene:
-    """The objects of a frame at rest.
+    """The objects of a frame at rest."""
 
-    Attributes:
-        objects: convex pieces, object frame.
-        poses: (4, 4), object to table.
-        T_table_cam: (4, 4), of the frame's camera.
-        surroundings: convex pieces that do not move, table frame.
-    """
-
-    objects: Mapping[int, Pieces]
-    poses: Mapping[int, Array]
-    T_table_cam: Array
-    surroundings: Pieces
+    objects: Mapping[int, Pieces]  # convex pieces, object frame
+    poses: Mapping[int, Array]  # (4, 4), object to table
+    T_table_cam: Array  # (4, 4), of the frame's camera
+    surroundings: Pieces  # convex pieces that do not move, table frame
 
 
 @dataclass

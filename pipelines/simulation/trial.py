@@ -28,12 +28,7 @@ TRIAL_OUTCOMES = (
 )
 # MuJoCo resets a scene that diverges; such a trial is invalid.
 DIVERGED = [
-    int(warning)
-    for warning in (
-        mujoco.mjtWarning.mjWARN_BADQPOS,
-        mujoco.mjtWarning.mjWARN_BADQVEL,
-        mujoco.mjtWarning.mjWARN_BADQACC,
-    )
+    int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{state}")) for state in ("QPOS", "QVEL", "QACC")
 ]
 
 GRAVITY = 9.81  # m / s^2
@@ -150,7 +145,7 @@ class Trial:
         place = self.gripper.target
         mass = float(self.model.body_mass[self.body])
         for direction in TUGS:
-            force = self._to_table(mass * self.config.tug * direction)
+            force = self._gripper_rotation @ (mass * self.config.tug * direction)
             for share in _pulse(TUG_SECONDS):
                 self.data.xfrc_applied[self.body, :3] = share * force
                 self._step(place, self.stroke)
@@ -183,9 +178,6 @@ class Trial:
 
     def _to_gripper(self, vector: Array) -> Array:
         return np.asarray(self._gripper_rotation.T @ vector)
-
-    def _to_table(self, vector: Array) -> Array:
-        return np.asarray(self._gripper_rotation @ vector)
 
     def _in_gripper(self) -> tuple[Array, Array]:
         """Return the object's centre of mass (3,) and rotation (3, 3) in the gripper frame."""

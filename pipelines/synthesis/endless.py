@@ -188,12 +188,11 @@ class EndlessScenes:
                 return instance.mask
             return noise.applied(faults.applied(instance.mask, mine, rng), rng)
 
-        def surface_of(object_id: int) -> LabelledSurface:
-            return self.objects[object_id].surface
-
         normal = T_world_cam[2, :3]  # the world's z axis; the table is its plane z = 0
         cloud = SceneCloud(depth, lens, Plane(normal, float(T_world_cam[2, 3])))
-        return labelled_clouds(shown, cloud, poses, surface_of, mask_of, pack, rng)
+        return labelled_clouds(
+            shown, cloud, poses, lambda i: self.objects[i].surface, mask_of, pack, rng
+        )
 
     def _occluder(
         self, layout: SceneLayout, T_world_cam: Array, rng: np.random.Generator
@@ -216,13 +215,8 @@ def window_of(lens: Intrinsics, meshes: Sequence[Mesh], T_cam_obj: Array) -> Int
     size = np.array([lens.width, lens.height])
     low = np.clip(np.floor(pixels.min(axis=0)).astype(int) - MARGIN, 0, size - 1)
     high = np.clip(np.ceil(pixels.max(axis=0)).astype(int) + MARGIN, low + 1, size)
-    return replace(
-        lens,
-        cx=lens.cx - low[0],
-        cy=lens.cy - low[1],
-        width=int(high[0] - low[0]),
-        height=int(high[1] - low[1]),
-    )
+    width, height = (high - low).tolist()
+    return replace(lens, cx=lens.cx - low[0], cy=lens.cy - low[1], width=width, height=height)
 
 
 def _packed(cloud: LabelledCloud) -> PackedRegion:

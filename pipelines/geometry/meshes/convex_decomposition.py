@@ -35,13 +35,7 @@ def decomposed(mesh: Mesh, settings: Mapping[str, float]) -> list[Array]:
     """
     request = io.BytesIO()
     np.savez(request, vertices=mesh.vertices, faces=mesh.faces)
-    command = [
-        sys.executable,
-        "-m",
-        "pipelines.geometry.meshes.convex_decomposition",
-        json.dumps(settings),
-        str(CPU_LIMIT),
-    ]
+    command = [sys.executable, "-m", __name__, json.dumps(settings), str(CPU_LIMIT)]
     try:
         answer = subprocess.run(
             command, input=request.getvalue(), capture_output=True, timeout=TIME_LIMIT, check=True

@@ -15,15 +15,11 @@ MAX_CROSSINGS = 64  # of one line; what a gripper may hold has far fewer
 
 @dataclass(frozen=True)
 class Crossings:
-    """Crossings of lines with a surface, nearest first.
+    """Crossings of lines with a surface, nearest first."""
 
-    Attributes:
-        distance: (n, k) metres from each line's start, ascending; inf where there is no more.
-        cosine: (n, k) between the line and the outward normal: positive where the line leaves
-            the object, negative where it enters; 0 where there is no more.
-    """
-
-    distance: Array
+    distance: Array  # (n, k) metres from each line's start, ascending; inf where there is no more
+    # (n, k) between the line and the outward normal: positive where the line leaves the
+    # object, negative where it enters; 0 where there is no more
     cosine: Array
 
     def __getitem__(self, index: Mask | np.bool_) -> "Crossings":
@@ -67,15 +63,7 @@ def line_crossings(mesh: Mesh, start: Array, direction: Array, reach: float) -> 
         cosine[line[new]] = np.einsum("ni,ni->n", direction[line[new]], normals)
         columns.append((found, cosine))
         last, travelled = triangle, travelled + STEP_PAST
-    return _packed(columns, len(start))
-
-
-def _packed(columns: list[tuple[Array, Array]], count: int) -> Crossings:
-    if not columns:
-        return Crossings(np.zeros((count, 0)), np.zeros((count, 0)))
-    distance, cosine = (np.stack(arrays, axis=1) for arrays in zip(*columns, strict=True))
-    order = np.argsort(distance, axis=1, kind="stable")  # close the gaps of repeated triangles
-    crossings = Crossings(
-        np.take_along_axis(distance, order, axis=1), np.take_along_axis(cosine, order, axis=1)
-    )
-    return crossings[np.ones(count, np.bool_)]
+    both = np.reshape(columns, (len(columns), 2, len(start))).transpose(1, 2, 0)
+    order = np.argsort(both[0], axis=1, kind="stable")  # close the gaps of repeated triangles
+    crossings = Crossings(*(np.take_along_axis(each, order, axis=1) for each in both))
+    return crossings[np.ones(len(start), np.bool_)]

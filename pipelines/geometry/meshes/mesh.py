@@ -13,15 +13,10 @@ from pipelines.geometry.transforms import transform_points, unit
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A triangle mesh.
+    """A triangle mesh."""
 
-    Attributes:
-        vertices: (v, 3) metres, finite.
-        faces: (f, 3) indices into `vertices`, counter-clockwise seen from outside.
-    """
-
-    vertices: Array
-    faces: Indices
+    vertices: Array  # (v, 3) metres, finite
+    faces: Indices  # (f, 3) indices into `vertices`, counter-clockwise seen from outside
 
     def __post_init__(self) -> None:
         vertices = np.asarray(self.vertices, np.float64).reshape(-1, 3)

@@ -23,21 +23,13 @@ MAX_SPLITS = 200  # more rounds of halving than any mesh needs
 
 @dataclass(frozen=True)
 class SurfacePatches:
-    """Patches of a surface; metres, one frame.
+    """Patches of a surface; metres, one frame."""
 
-    Attributes:
-        centers: (n, 3) a point of the surface in each patch.
-        radius: (n,) that holds all of a patch about its centre.
-        triangles: (t, 3, 3) of the mesh; one that reaches through several patches is of them all.
-        members: (m,) indices of the patches' triangles, one patch behind the other.
-        start: (n + 1,) patch i has `members[start[i]:start[i + 1]]`.
-    """
-
-    centers: Array
-    radius: Array
-    triangles: Array
-    members: Indices
-    start: Indices
+    centers: Array  # (n, 3) a point of the surface in each patch
+    radius: Array  # (n,) that holds all of a patch about its centre
+    triangles: Array  # (t, 3, 3) of the mesh; one through several patches is of them all
+    members: Indices  # (m,) indices of the patches' triangles, one patch behind the other
+    start: Indices  # (n + 1,) patch i has `members[start[i]:start[i + 1]]`
 
     @classmethod
     def from_mesh(cls, mesh: Mesh) -> "SurfacePatches":

@@ -53,18 +53,14 @@ def _biweight(residual: float, scale: float) -> float:
 
 
 def axis_sums(
-    rows: Array, squares: Array, axis: Array, centre: Array, basis: Array, scale: float
+    rows: Array,  # (n, 6) points x normals, and normals, metres
+    squares: Array,  # (n, 36) outer products of the rows with themselves
+    axis: Array,  # (k, 3) unit vectors
+    centre: Array,  # (k, 3) a point of each axis, metres
+    basis: Array,  # (k, 3, 2) directions across the start axes
+    scale: float,  # Tukey's scale, metres
 ) -> Sums:
-    """Return the sums of k axes; a residual is the distance of a normal's line from the axis.
-
-    Args:
-        rows: (n, 6) points x normals, and normals, metres.
-        squares: (n, 36) outer products of the rows with themselves.
-        axis: (k, 3) unit vectors.
-        centre: (k, 3) a point of each axis, metres.
-        basis: (k, 3, 2) directions across the start axes.
-        scale: Tukey's scale, metres.
-    """
+    """Return the sums of k axes; a residual is the distance of a normal's line from the axis."""
     forms = _axis_forms(axis, centre, basis)
     weight, total = _axis_weights(forms[:, 0] @ rows.T, axis @ rows[:, 3:].T, scale)
     # Residuals and derivatives are linear in the rows, so their sums are linear in the squares.
@@ -133,31 +129,18 @@ def mirror_images(points: Array, normal: Array, point: Array) -> Array:
 
 @compiled
 def plane_sums(
-    points: Array,
-    normals: Array,
-    stride: int,
-    images: Array,
-    away: Array,
-    nearest: Indices,
-    normal: Array,
-    point: Array,
-    basis: Array,
-    scale: float,
+    points: Array,  # (m, 3) surface points, metres
+    normals: Array,  # (m, 3) their normals
+    stride: int,  # every `stride`-th point is mirrored, n points in all
+    images: Array,  # (k, n, 3) mirror images of these points
+    away: Array,  # (k, n) metres from each image to the nearest surface point
+    nearest: Indices,  # (k, n) index of that surface point
+    normal: Array,  # (k, 3) unit normals of the planes
+    point: Array,  # (k, 3) a point of each plane
+    basis: Array,  # (k, 3, 2) directions across the start normals
+    scale: float,  # Tukey's scale, metres
 ) -> Sums:
-    """Return the sums of k planes; a residual is the distance of a mirror image from the surface.
-
-    Args:
-        points: (m, 3) surface points, metres.
-        normals: (m, 3) their normals.
-        stride: every `stride`-th point is mirrored, n points in all.
-        images: (k, n, 3) mirror images of these points.
-        away: (k, n) metres from each image to the nearest surface point.
-        nearest: (k, n) index of that surface point.
-        normal: (k, 3) unit normals of the planes.
-        point: (k, 3) a point of each plane.
-        basis: (k, 3, 2) directions across the start normals.
-        scale: Tukey's scale, metres.
-    """
+    """Return the sums of k planes; a residual is the distance of an image from the surface."""
     size = len(normal)
     sums = np.zeros((size, 4, 4)), np.zeros((size, 4)), np.zeros(size)
     for k in range(size):
@@ -187,23 +170,14 @@ def plane_sums(
 
 @compiled
 def stepped(
-    starts: tuple[Array, Array, Array],
-    offsets: Array,
-    total: Array,
-    sums: Sums,
-    share: float,
-    precision: Array,
+    starts: tuple[Array, Array, Array],  # unit directions, points (k, 3), bases (k, 3, 2) across
+    offsets: Array,  # (k, 3, 2) directions along which the points move
+    total: Array,  # (k, 4) unknowns before the step
+    sums: Sums,  # sums over the residuals
+    share: float,  # factor of the sums
+    precision: Array,  # (4,) precisions of the unknowns' priors, whose means are zero
 ) -> tuple[Array, Array, Array]:
-    """Return unknowns (k, 4), directions (k, 3) and points (k, 3) after a Gauss-Newton step.
-
-    Args:
-        starts: unit directions (k, 3), points (k, 3) and bases (k, 3, 2) across the directions.
-        offsets: (k, 3, 2) directions along which the points move.
-        total: (k, 4) unknowns before the step.
-        sums: sums over the residuals.
-        share: factor of the sums.
-        precision: (4,) precisions of the unknowns' priors, whose means are zero.
-    """
+    """Return unknowns (k, 4), directions (k, 3) and points (k, 3) after a Gauss-Newton step."""
     directions, points, basis = starts
     found, point, direction = np.empty_like(total), np.empty_like(points), np.empty_like(points)
     for k in range(len(total)):
@@ -226,19 +200,16 @@ def stepped(
 
 @compiled
 def fitted_sphere(
-    points: Array, normals: Array, start: Array, scales: Array, share: float, precision: float
+    points: Array,  # (n, 3) surface points, metres
+    normals: Array,  # (n, 3) their normals
+    start: Array,  # (3,) centre of the prior
+    scales: Array,  # (s,) Tukey's scale of each step, metres
+    share: float,  # factor of the sums over the points
+    precision: float,  # of the prior
 ) -> tuple[Array, float]:
     """Return the centre (3,) nearest to the lines of n normals, and the sum of weights.
 
     A point farther than a scale from the median radius has weight 0.
-
-    Args:
-        points: (n, 3) surface points, metres.
-        normals: (n, 3) their normals.
-        start: (3,) centre of the prior.
-        scales: (s,) Tukey's scale of each step, metres.
-        share: factor of the sums over the points.
-        precision: precision of the prior.
     """
     centre, distance, total = start.copy(), np.empty(len(points)), 0.0
     for scale in scales:

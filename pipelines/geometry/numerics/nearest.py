@@ -16,17 +16,11 @@ ABREAST = 16  # distances that are compared at once
 
 @dataclass(frozen=True)
 class Neighbours:
-    """Points to search for nearest neighbours, any frame, metres.
+    """Points to search for nearest neighbours, any frame, metres."""
 
-    Attributes:
-        points: (n, 3).
-        middle: (3,) mean of the points.
-        about: (3, n) the points relative to `middle`, in single precision.
-    """
-
-    points: Array
-    middle: Array
-    about: Singles
+    points: Array  # (n, 3)
+    middle: Array  # (3,) mean of the points
+    about: Singles  # (3, n) the points relative to `middle`, in single precision
 
     @classmethod
     def of(cls, points: Array) -> "Neighbours":

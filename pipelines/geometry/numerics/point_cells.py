@@ -18,21 +18,13 @@ WORD = 64  # bits
 
 @dataclass(frozen=True)
 class PointCells:
-    """n points in c cubes, any frame, metres.
+    """n points in c cubes, any frame, metres."""
 
-    Attributes:
-        index: (n,) index of each point in the original array, cube by cube.
-        points: (3, n) points, cube by cube.
-        start: (c + 1,) first index of each cube in `index` and `points`, and n.
-        centre: (3, c) centres of balls around the points of each cube.
-        radius: (c,) radii of these balls.
-    """
-
-    index: Indices
-    points: Singles
-    start: Indices
-    centre: Singles
-    radius: Singles
+    index: Indices  # (n,) index of each point in the original array, cube by cube
+    points: Singles  # (3, n) points, cube by cube
+    start: Indices  # (c + 1,) first index of each cube in `index` and `points`, and n
+    centre: Singles  # (3, c) centres of balls around the points of each cube
+    radius: Singles  # (c,) radii of these balls
 
     @classmethod
     def of(cls, points: Array, size: float) -> "PointCells":

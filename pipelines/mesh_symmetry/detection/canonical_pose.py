@@ -5,18 +5,13 @@ surface, with triangles in an order fixed to it, the same surface gives the same
 same symmetries, in any pose, unit and order of triangles.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pipelines.array_types import Array, Indices
 from pipelines.geometry.meshes.mesh import Mesh
-from pipelines.geometry.symmetry import (
-    ReflectionSymmetry,
-    RotationSymmetry,
-    SphereSymmetry,
-    Symmetry,
-)
+from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, Symmetry
 
 CELLS_PER_RADIUS = 8.0  # triangles are sorted by cells of space, so that neighbours stay together
 
@@ -71,12 +66,10 @@ def _moved(symmetry: Symmetry, rotation: Array, point: Array) -> Symmetry:
     """Return `symmetry` turned by `rotation` (3, 3) and moved to `point` (3,)."""
     match symmetry:
         case ReflectionSymmetry():
-            return ReflectionSymmetry(rotation @ symmetry.normal, point, symmetry.error)
+            return replace(symmetry, normal=rotation @ symmetry.normal, point=point)
         case RotationSymmetry():
-            axis = rotation @ symmetry.axis
-            return RotationSymmetry(axis, point, symmetry.order, symmetry.error)
-        case SphereSymmetry():
-            return SphereSymmetry(point, symmetry.error)
+            return replace(symmetry, axis=rotation @ symmetry.axis, point=point)
+    return replace(symmetry, point=point)
 
 
 def _without_doubles(mesh: Mesh) -> Mesh:

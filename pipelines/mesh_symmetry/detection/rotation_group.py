@@ -23,15 +23,11 @@ PARALLEL_COSINE = float(np.cos(np.radians(5.0)))
 
 @dataclass(frozen=True)
 class Rotations:
-    """Proper rotations that map an object to itself, object frame, metres.
+    """Proper rotations that map an object to itself, object frame, metres."""
 
-    Attributes:
-        discrete: (k, 4, 4) rigid transforms without the identity, and without turns about the axes
-            of `continuous`.
-        continuous: axes with symmetry under any turn; three through the centre of a sphere.
-    """
-
+    # (k, 4, 4) rigid, without the identity, and without turns about the axes of `continuous`
     discrete: Array
+    # axes with symmetry under any turn; three through the centre of a sphere
     continuous: tuple[RotationSymmetry, ...] = ()
 
 

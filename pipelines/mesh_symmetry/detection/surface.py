@@ -59,16 +59,9 @@ class Surface:
         is_rough = slope > ROUGH_SLOPE
         normals = rough if is_rough else _smoothed(tree, normals, 1)
         agreement = _agreement(normals[index[:, FAR_NEIGHBOURS:]], normals[data])
-        return cls(
-            triangles=mesh.triangles,
-            points=points,
-            normals=normals,
-            faces=faces,
-            tree=tree,
-            rim=OpenBoundary.of(mesh),
-            noise=noise,
-            agreement=agreement * (ROUGH_AGREEMENT if is_rough else 1.0),
-        )
+        agreement *= ROUGH_AGREEMENT if is_rough else 1.0
+        rim = OpenBoundary.of(mesh)
+        return cls(mesh.triangles, points, normals, faces, tree, rim, noise, agreement)
 
     def normalised(self, center: Array, size: float) -> "Surface":
         """Return the surface moved by -`center` (3,) and divided by `size`."""

@@ -37,23 +37,19 @@ def revolution_candidates(points: Array, normals: Array, limit: int, min_angle: 
     voters = lines[:NUM_FITTED]
     proposed = _fitted(np.einsum("ski,skj->sij", sets, sets) / SET_SIZE)
     order = np.argsort(-_votes(voters, proposed).sum(axis=1), kind="stable")[:NUM_STARTS]
-    frame = principal_axis_rows(points)
-    known = np.concatenate([frame, np.zeros((3, 3))], axis=1)
-    axes = np.concatenate(
-        [known, _fitted((voters.T @ voters)[None] / len(voters)), proposed[order]]
-    )
+    known = np.column_stack([principal_axis_rows(points), np.zeros((3, 3))])
+    whole = _fitted((voters.T @ voters)[None] / len(voters))
+    axes = np.concatenate([known, whole, proposed[order]])
     for _ in range(NUM_REWEIGHTINGS):
         weight = _votes(voters, axes)
         system = np.einsum("av,vi,vj->aij", weight, voters, voters, optimize=True)
         axes = _fitted(system / weight.sum(axis=1)[:, None, None])
-    ranked = np.argsort(-_votes(voters, axes).sum(axis=1), kind="stable")
-    axes = axes[ranked]
+    axes = axes[np.argsort(-_votes(voters, axes).sum(axis=1), kind="stable")]
     keep = distinct_candidates(
         axes[:, :3], np.zeros(len(axes)), limit, min_angle=min_angle, min_offset=np.inf
     )
-    found = axes[keep]
-    centers = np.cross(found[:, :3], found[:, 3:])
-    return np.concatenate([found[:, :3], centers], axis=1)
+    directions, moments = axes[keep, :3], axes[keep, 3:]
+    return np.concatenate([directions, np.cross(directions, moments)], axis=1)
 
 
 def _fitted(system: Array) -> Array:

@@ -190,14 +190,12 @@ def search_axes(
         config.axis_candidates,
         np.radians(config.axis_separation_deg),
     )
-    refined = settled_axes(shape, starts, config)
-    frame = principal_axis_rows(shape.samples.points)
-    principal = np.concatenate([frame, np.zeros((3, 3))], axis=1)
-    fits = [continuous_fit(shape, axis, config) for axis in refined]
-    axes = refined
+    axes = settled_axes(shape, starts, config)
+    fits = [continuous_fit(shape, axis, config) for axis in axes]
     if not any(continuous for _, continuous in fits):
+        principal = np.column_stack([principal_axis_rows(shape.samples.points), np.zeros((3, 3))])
         others = np.concatenate([starts, principal])
-        axes = np.concatenate([refined, others])
+        axes = np.concatenate([axes, others])
         fits += [continuous_fit(shape, axis, config) for axis in others]
     order = np.argsort([fit.loss for fit, _ in fits], kind="stable")
     return axes[order], [fits[index] for index in order]

@@ -11,14 +11,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import ConvexHull, KDTree, QhullError
 
-from pipelines.array_types import Mask
+from pipelines.array_types import Array, Indices, Mask
 from pipelines.configs import AnnotateSymmetryConfig
+from pipelines.geometry.meshes.convex_decomposition import decomposed
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.symmetry import ObjectRegion, Symmetry
 from pipelines.mesh_symmetry.detection.surface import diameter
 from pipelines.mesh_symmetry.detection.symmetry_detection import MeshSymmetries
-from pipelines.mesh_symmetry.parts.convex_parts import convex_owner
 from pipelines.mesh_symmetry.parts.part_symmetries import PartSymmetries, is_round
 from pipelines.mesh_symmetry.parts.revolved_bodies import MAX_SMOOTH_BORDER, revolved_bodies
 from pipelines.mesh_symmetry.parts.sampled_parts import NO_PART, SampledParts
@@ -30,6 +31,18 @@ SMALL_OBJECT = 0.5  # of its object's diameter; a part as large as this is grasp
 MAX_LOOSE_SHARE = 0.2  # largest share beside bodies that is ungraspable: a mug, but not a peach
 MIN_DETAIL = 0.1  # least share of a symmetric part that is cut out of an object without symmetry
 MIN_CUT_SHARE = 0.2  # smaller parts are not cut into convex pieces
+
+# coacd's defaults take half a minute per object; these settings find the same large pieces.
+COARSE_SEARCH = {
+    "threshold": 0.15,
+    "max_convex_hull": 6,
+    "seed": 0,
+    "preprocess_resolution": 20,
+    "resolution": 500,
+    "mcts_nodes": 8,
+    "mcts_iterations": 20,
+    "mcts_max_depth": 1,
+}
 
 
 @dataclass(frozen=True)
@@ -130,7 +143,7 @@ def _convex_pieces(search: PartSymmetries, members: Mask) -> list[_Piece]:
     pieces = []
     owner = np.full(NUM_SAMPLES, NO_PART, dtype=np.int64)
     mesh = search.parts.submesh(members)
-    owner[members] = convex_owner(mesh, search.parts.surface.points[members])
+    owner[members] = _convex_owner(mesh, search.parts.surface.points[members])
     for index in np.unique(owner[members]):
         piece = search.parts.clusters(owner == index)[0]
         seen = search.parts.smooth_border(piece) <= MAX_SMOOTH_BORDER
@@ -142,6 +155,28 @@ def _convex_pieces(search: PartSymmetries, members: Mask) -> list[_Piece]:
         if has_slot(found):
             pieces.append(_Piece(piece, found))
     return pieces
+
+
+def _convex_owner(mesh: Mesh, points: Array) -> Indices:
+    """Return the index (n,) of the nearly convex piece of `mesh` around each of `points` (n, 3).
+
+    All 0 if coacd finds no pieces.
+    """
+    used, index = np.unique(mesh.faces, return_inverse=True)
+    hulls = decomposed(Mesh(mesh.vertices[used], index.reshape(-1, 3)), COARSE_SEARCH)
+    if not hulls:
+        return np.zeros(len(points), dtype=np.int64)
+    depth = np.stack([_outside(corners, points) for corners in hulls])
+    return np.asarray(depth.argmin(axis=0))
+
+
+def _outside(corners: Array, points: Array) -> Array:
+    """Return the distance (n,) of `points` (n, 3) from the hull of `corners`; negative inside."""
+    try:
+        equations = ConvexHull(corners, qhull_options="QJ").equations
+    except QhullError:
+        return np.asarray(KDTree(corners).query(points)[0])
+    return np.asarray((points @ equations[:, :3].T + equations[:, 3]).max(axis=1))
 
 
 def _is_graspable(search: PartSymmetries, members: Mask) -> bool:
@@ -156,10 +191,7 @@ def _is_graspable(search: PartSymmetries, members: Mask) -> bool:
 
 
 def _left(pieces: list[_Piece], members: Mask) -> Mask:
-    left = members.copy()
-    for piece in pieces:
-        left &= ~piece.members
-    return left
+    return np.asarray(members & ~np.any([piece.members for piece in pieces], axis=0))
 
 
 def _joined(search: PartSymmetries, pieces: list[_Piece], loose: list[Mask]) -> list[_Piece]:

@@ -32,19 +32,12 @@ NUM_BOUNDS = 60  # planes around the mesh; beyond them the middle of a line has 
 
 @dataclass(frozen=True)
 class LabelTarget:
-    """A mesh prepared for labelling.
+    """A mesh prepared for labelling."""
 
-    Attributes:
-        mesh: object frame, metres.
-        surface: patches of the mesh.
-        directions: (k, 3) unit vectors.
-        bounds: (2, k) lowest and highest coordinate of the mesh along `directions`.
-    """
-
-    mesh: Mesh
+    mesh: Mesh  # object frame, metres
     surface: SurfacePatches
-    directions: Array
-    bounds: Array
+    directions: Array  # (k, 3) unit vectors
+    bounds: Array  # (2, k) lowest and highest coordinate of the mesh along `directions`
 
     @classmethod
     def from_mesh(cls, mesh: Mesh) -> "LabelTarget":
@@ -145,24 +138,17 @@ def _lines(
 
 
 def scene_collisions(
-    labels: Sequence[GraspLabel],
-    meshes: Sequence[Mesh],
-    poses_world: Sequence[ArrayLike],
+    labels: Sequence[GraspLabel],  # object frames
+    meshes: Sequence[Mesh],  # of the same objects, object frames
+    poses_world: Sequence[ArrayLike],  # (4, 4) each, object to world; z of the world points up
     *,
-    table_height: float = 0.0,
-    surroundings: Sequence[Mesh] = (),
+    table_height: float = 0.0,  # z of the table's top in the world, metres
+    surroundings: Sequence[Mesh] = (),  # obstacles that are no objects, world frame
 ) -> list[Mask]:
     """Return a scene's collision labels, (P_i, 300, 12, 4) for each object.
 
     True if the gripper collides with another object, the table or the surroundings, or if the
     object's label is infeasible or in collision with the object itself.
-
-    Args:
-        labels: labels of the objects, object frames.
-        meshes: meshes of the objects, object frames.
-        poses_world: (4, 4) each, object to world; z of the world points up.
-        table_height: z of the table's top in the world, metres.
-        surroundings: obstacles that are no objects, world frame.
     """
     fixed = [SurfacePatches.from_mesh(each) for each in surroundings]
     poses = [np.asarray(pose, np.float64) for pose in poses_world]
@@ -173,15 +159,11 @@ def scene_collisions(
     collisions = []
     for i, (label, pose) in enumerate(zip(labels, poses, strict=True)):
         others = SurfacePatches.concatenate([s for j, s in enumerate(surfaces) if j != i] + fixed)
-        collisions.append(_collides(label, pose, others.transformed(invert(pose)), table_height))
+        others = others.transformed(invert(pose))
+        width = label.offsets[..., 2]
+        height = transform_points(pose, label.points)[:, 2] - table_height
+        hit = label.collision | (label.min_friction <= 0) | hits_plane(width, pose[2, :3], height)
+        for row, point in enumerate(label.points.astype(np.float64)):
+            hit[row] |= hits_surface(others, point, ~hit[row], width[row])
+        collisions.append(np.asarray(hit))
     return collisions
-
-
-def _collides(label: GraspLabel, pose: Array, others: SurfacePatches, table_height: float) -> Mask:
-    """Return the mask (P, 300, 12, 4) of grasps in collision with `others` or the table."""
-    width = label.offsets[..., 2]
-    height = transform_points(pose, label.points)[:, 2] - table_height
-    hit = label.collision | (label.min_friction <= 0) | hits_plane(width, pose[2, :3], height)
-    for i, point in enumerate(label.points.astype(np.float64)):
-        hit[i] |= hits_surface(others, point, ~hit[i], width[i])
-    return np.asarray(hit)

@@ -105,7 +105,8 @@ def _held(
         return
     view, point, q = _near_gripper(points - origin, views, half, candidates, grow)
     wanted = np.asarray(candidates.any(axis=2))  # (300, 12)
-    for angle, (cosine, sine) in enumerate(_turns()):
+    turns = np.stack([np.cos(IN_PLANE_ANGLES), np.sin(IN_PLANE_ANGLES)], 1).astype(np.float32)
+    for angle, (cosine, sine) in enumerate(turns):
         level = np.abs(cosine * q[2] - sine * q[1])
         near = np.flatnonzero((level < HALF_HEIGHT + grow) & wanted[view, angle])
         side = np.abs(cosine * q[1, near] + sine * q[2, near])[:, None]
@@ -143,11 +144,6 @@ def _near_gripper(
     return views[row], near[sample], np.concatenate([along[row, sample][None], across])
 
 
-def _turns() -> list[tuple[np.float32, np.float32]]:
-    cosines, sines = (f(IN_PLANE_ANGLES).astype(np.float32) for f in (np.cos, np.sin))
-    return list(zip(cosines, sines, strict=True))
-
-
 def _inside(along: Singles, side: Singles, half: Singles, grow: float) -> Mask:
     """Return the mask (k, 4) of points `along`, `side` (k, 1) in the boxes of half openings."""
     back, front = np.float32(FINGER_BACK + grow), (GRASP_DEPTHS + grow).astype(np.float32)
@@ -159,13 +155,10 @@ def _inside(along: Singles, side: Singles, half: Singles, grow: float) -> Mask:
 def hits_plane(width: Floats, normal: Array, height: Array) -> Mask:
     """Return the mask (p, 300, 12, 4) of candidates whose gripper reaches below a plane.
 
-    Args:
-        width: (p, 300, 12, 4) metres, openings.
-        normal: (3,) unit normal of the table, object frame.
-        height: (p,) height of the grasp points above the plane, metres.
+    `width`: (p, 300, 12, 4) openings, metres; `normal`: (3,) unit, up, object frame; `height`: (p,)
+    of the grasp points above the plane, metres.
     """
-    # Slab and fingers have the same half height, so their lowest corner is that of the box around
-    # them.
+    # Slab and fingers are equally high: their lowest corner is that of the box around them.
     up = np.einsum("i,vaij->jva", normal, view_rotations())[..., None]  # (3, 300, 12, 1)
     outer = 0.5 * width + FINGER_THICKNESS
     lowest = np.minimum(SLAB_BACK * up[0], GRASP_DEPTHS * up[0]) - HALF_HEIGHT * np.abs(up[2])

@@ -16,15 +16,10 @@ from pipelines.metrics.force_closure import friction_of_cosine
 
 @dataclass(frozen=True)
 class Openings:
-    """Openings of n candidates at which both fingers have a contact, in ascending order.
+    """Openings of n candidates at which both fingers have a contact, in ascending order."""
 
-    Attributes:
-        half: (n, j) metres from the middle to each finger; padded with inf.
-        friction: (n, j) smallest friction coefficient that holds; padded with inf.
-    """
-
-    half: Array
-    friction: Array
+    half: Array  # (n, j) metres from the middle to each finger; padded with inf
+    friction: Array  # (n, j) smallest friction coefficient that holds; padded with inf
 
     def limited(self, max_friction: float) -> "Openings":
         """Return the openings that hold at `max_friction`."""

@@ -42,21 +42,13 @@ UNSEEN_POOLS = ("similar", "novel", "wide_similar", "sealed")
 
 @dataclass(frozen=True, eq=False)
 class SyntheticObject:
-    """An object with exact symmetries.
+    """An object with exact symmetries."""
 
-    Attributes:
-        name: name, unique in its pool.
-        family: family, such as "bottle".
-        mesh: closed mesh, metres, origin in the centre of its bounding box.
-        symmetries: exact by construction.
-        pieces: convex meshes that together approximate the object, for physics.
-    """
-
-    name: str
-    family: str
-    mesh: Mesh
-    symmetries: tuple[Symmetry, ...]
-    pieces: tuple[Mesh, ...]
+    name: str  # unique in its pool
+    family: str  # such as "bottle"
+    mesh: Mesh  # closed mesh, metres, origin in the centre of its bounding box
+    symmetries: tuple[Symmetry, ...]  # exact by construction
+    pieces: tuple[Mesh, ...]  # convex meshes that together approximate the object, for physics
 
 
 def make_object(pool: str, index: int, seed: int) -> SyntheticObject:

@@ -24,15 +24,10 @@ MAX_FACES = 8000  # about; an object with more is split less
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A closed solid.
+    """A closed solid."""
 
-    Attributes:
-        body: surface.
-        pieces: (k, 3) points each; the union of their hulls approximates the solid.
-    """
-
-    body: Manifold
-    pieces: tuple[Array, ...]
+    body: Manifold  # its surface
+    pieces: tuple[Array, ...]  # (k, 3) points each; the union of their hulls approximates the solid
 
     def __or__(self, other: "Solid") -> "Solid":
         return Solid(self.body + other.body, self.pieces + other.pieces)

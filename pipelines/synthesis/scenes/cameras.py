@@ -50,23 +50,14 @@ def look_at(eye: ArrayLike, target: ArrayLike, roll: float = 0.0) -> Array:
 
 
 def drawn_viewpoints(
-    centre: ArrayLike,
+    centre: ArrayLike,  # metres, table frame
     count: int,
     lens: Intrinsics,
     rng: np.random.Generator,
-    arc: tuple[float, float] | None = None,
-    elevations: tuple[float, float] | None = None,
+    arc: tuple[float, float] | None = None,  # azimuth's middle, half width, radians; None: all
+    elevations: tuple[float, float] | None = None,  # lowest, highest, radians; None: `ELEVATIONS`
 ) -> Array:
-    """Return poses T_table_cam (count, 4, 4) spread around `centre` (3,), all above it.
-
-    Args:
-        centre: metres, table frame.
-        count: of viewpoints.
-        lens: of the camera.
-        rng: draws all else.
-        arc: middle and half width of the azimuths, radians; None for all around.
-        elevations: lowest and highest, radians; None for `ELEVATIONS`.
-    """
+    """Return poses T_table_cam (count, 4, 4) spread around `centre` (3,), all above it."""
     # A camera with a long lens is farther away, so that it sees as much of the table.
     near, far = np.array(DISTANCES) * np.clip(lens.fx / lens.width / 0.7, 0.7, 1.3)
     shares = (np.arange(count) + 0.5) / count

@@ -19,29 +19,17 @@ from pipelines.geometry.transforms import transform_points
 
 @dataclass(frozen=True)
 class DepthSensor:
-    """Parameters of a depth camera; lengths in metres, for noise at one metre.
+    """Parameters of a depth camera; lengths in metres, for noise at one metre."""
 
-    Attributes:
-        baseline: distance of camera and projector, or of the stereo pair.
-        axial: constant and quadratic part of the axial noise's standard deviation.
-        smoothness: correlation length of the axial noise, pixels.
-        jitter: standard deviation of the lateral noise, pixels.
-        subpixel: resolved steps of disparity per pixel.
-        edge_loss: share of pixels lost at depth edges.
-        grazing: cosine between ray and normal below which light does not return.
-        holes: average number of holes per frame.
-        fattening: pixels by which near surfaces grow over far ones.
-    """
-
-    baseline: float
-    axial: tuple[float, float]
-    smoothness: float
-    jitter: float
-    subpixel: float
-    edge_loss: float
-    grazing: float
-    holes: float
-    fattening: int
+    baseline: float  # distance of camera and projector, or of the stereo pair
+    axial: tuple[float, float]  # constant and quadratic part of the axial noise's deviation
+    smoothness: float  # correlation length of the axial noise, pixels
+    jitter: float  # standard deviation of the lateral noise, pixels
+    subpixel: float  # resolved steps of disparity per pixel
+    edge_loss: float  # share of pixels lost at depth edges
+    grazing: float  # cosine between ray and normal below which light does not return
+    holes: float  # average number of holes per frame
+    fattening: int  # pixels by which near surfaces grow over far ones
 
 
 SENSORS = {

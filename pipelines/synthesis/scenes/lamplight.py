@@ -20,44 +20,27 @@ SHADOW_OFFSET = 5e-4  # metres off the surface, so that the surface does not sha
 
 @dataclass(frozen=True)
 class Lighting:
-    """One distant lamp.
+    """One distant lamp."""
 
-    Attributes:
-        direction: (3,) unit, toward it.
-        color: (3,) RGB.
-        ambient: share 0 to 1 of its light that comes from everywhere.
-        gloss: strength of its reflections.
-        shine: exponent of the reflections; larger ones are smaller and sharper.
-        shadow: share of its direct light that reaches shadows.
-    """
-
-    direction: Array
-    color: Array
-    ambient: float
-    gloss: float
-    shine: float = 40.0
-    shadow: float = 0.15
+    direction: Array  # (3,) unit, toward it
+    color: Array  # (3,) RGB
+    ambient: float  # share 0 to 1 of its light that comes from everywhere
+    gloss: float  # strength of its reflections
+    shine: float = 40.0  # exponent of the reflections; larger ones are smaller and sharper
+    shadow: float = 0.15  # share of its direct light that reaches shadows
 
 
 @dataclass(frozen=True)
 class CameraLook:
-    """What a camera makes of the light.
+    """What a camera makes of the light."""
 
-    Attributes:
-        exposure: factor of each channel (3,), white balance included.
-        gamma: exponent of the response.
-        noise: standard deviation, grey levels.
-        vignette: share of the light that the corners lose.
-        blur: standard deviation, pixels.
-        quality: of JPEG compression, percent; None for none.
-    """
-
+    # factor of each channel (3,), white balance included
     exposure: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    gamma: float = 1 / 1.5
-    noise: float = 2.0
-    vignette: float = 0.0
-    blur: float = 0.0
-    quality: int | None = None
+    gamma: float = 1 / 1.5  # exponent of the response
+    noise: float = 2.0  # standard deviation, grey levels
+    vignette: float = 0.0  # share of the light that the corners lose
+    blur: float = 0.0  # standard deviation, pixels
+    quality: int | None = None  # of JPEG compression, percent; None for none
 
 
 PLAIN_LOOK = CameraLook()

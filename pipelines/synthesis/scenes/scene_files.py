@@ -74,9 +74,7 @@ def write_scene(
         write_pose_array(camera / "cam0_wrt_table.npy", viewpoints[0])
         views = record(layout, viewpoints, intrinsics, sensor, rng, config.scenery)
         for frame_id, view in enumerate(views):
-            _write_view(camera, frame_id, view, layout, intrinsics)
-            if labelled:
-                _write_planar(camera, frame_id, view, layout, intrinsics, free)
+            _write_view(camera, frame_id, view, layout, intrinsics, free)
         write_sidecar(folder, stamp)
     return f"{len(layout.objects)} objects, {config.views} views"
 
@@ -103,8 +101,14 @@ def _draw_layout(
 
 
 def _write_view(
-    camera: Path, frame_id: int, view: View, layout: SceneLayout, intrinsics: Intrinsics
+    camera: Path,
+    frame_id: int,
+    view: View,
+    layout: SceneLayout,
+    intrinsics: Intrinsics,
+    free: Sequence[LabelledGrasps],
 ) -> None:
+    """Write the files of one view; planar labels of the `free` grasps of each object, if any."""
     name = f"{frame_id:04d}"
     object_ids = np.array([item.object_id for item in layout.objects])
     label = np.where(view.object_index >= 0, object_ids[view.object_index] + 1, 0)
@@ -117,22 +121,13 @@ def _write_view(
     write_label_image(camera / "label" / f"{name}.png", label)
     write_annotation(camera / "annotations" / f"{name}.xml", poses)
     write_meta(camera / "meta" / f"{name}.mat", poses, intrinsics.matrix)
-
-
-def _write_planar(
-    camera: Path,
-    frame_id: int,
-    view: View,
-    layout: SceneLayout,
-    intrinsics: Intrinsics,
-    free: Sequence[LabelledGrasps],
-) -> None:
-    T_cam_obj = invert(view.T_world_cam) @ layout.poses
-    rows = [
-        planar_rows(item.object_id, grasps, pose, intrinsics)
-        for item, grasps, pose in zip(layout.objects, free, T_cam_obj, strict=True)
-    ]
-    write_rect(camera / "rect" / f"{frame_id:04d}.npy", np.concatenate(rows))
+    if free:
+        T_cam_obj = invert(view.T_world_cam) @ layout.poses
+        rows = [
+            planar_rows(object_id, grasps, pose, intrinsics)
+            for object_id, grasps, pose in zip(object_ids.tolist(), free, T_cam_obj, strict=True)
+        ]
+        write_rect(camera / "rect" / f"{name}.npy", np.concatenate(rows))
 
 
 def _write_collisions(

@@ -23,15 +23,10 @@ MAX_SPEED = 0.15  # metres or radians per second of a settled object
 
 @dataclass(frozen=True)
 class SettledScene:
-    """Poses at which dropped objects came to rest.
+    """Poses at which dropped objects came to rest."""
 
-    Attributes:
-        index: (k,) indices of the dropped objects that stayed on the table, ascending.
-        poses: (k, 4, 4) object to table.
-    """
-
-    index: Indices
-    poses: Array
+    index: Indices  # (k,) indices of the dropped objects that stayed on the table, ascending
+    poses: Array  # (k, 4, 4) object to table
 
 
 def drop_objects(

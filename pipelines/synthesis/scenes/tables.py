@@ -65,19 +65,12 @@ class SceneObject:
 
 @dataclass(frozen=True)
 class View:
-    """The images of one camera.
+    """The images of one camera."""
 
-    Attributes:
-        color: (H, W, 3) uint8.
-        depth: (H, W) metres as measured by the sensor, 0 = missing.
-        object_index: (H, W) index among the scene's objects, -1 for everything else.
-        T_world_cam: (4, 4).
-    """
-
-    color: NDArray[np.uint8]
-    depth: Array
-    object_index: Indices
-    T_world_cam: Array
+    color: NDArray[np.uint8]  # (H, W, 3)
+    depth: Array  # (H, W) metres as measured by the sensor, 0 = missing
+    object_index: Indices  # (H, W) index among the scene's objects, -1 for everything else
+    T_world_cam: Array  # (4, 4)
 
 
 @dataclass(frozen=True)

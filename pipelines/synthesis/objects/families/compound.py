@@ -19,9 +19,8 @@ Z_TO_Y = rotation_about([1.0, 0.0, 0.0], -np.pi / 2)  # z axis to +y
 def cylinder(radius: float, height: float) -> Solid:
     """Return a cylinder about the z axis with slightly rounded edges, its centre at the origin."""
     h = height / 2
-    return rounded_lathe(
-        [(0, -h), (radius, -h), (radius, h), (0, h)], min(0.0015, 0.2 * radius), segments=36
-    )
+    corners = [(0, -h), (radius, -h), (radius, h), (0, h)]
+    return rounded_lathe(corners, min(0.0015, 0.2 * radius), segments=36)
 
 
 def ellipsoid(radii: ArrayLike) -> Solid:
@@ -53,25 +52,16 @@ def vessel_cavity(radius: float, height: float, taper: float, wall: float) -> So
     """Return the cavity of `vessel`, to cut away parts that reach into it."""
     floor, slope = 1.5 * wall, radius * (1 - taper) / height
     foot, top = radius * taper + slope * floor - wall, radius - wall
-    above = top + slope * 0.01
-    return lathe(
-        [
-            (0, floor),
-            (foot - 0.005, floor),
-            (foot, floor + 0.005),
-            (above, height + 0.01),
-            (0, height + 0.01),
-        ]
-    )
+    rim, end = top + slope * 0.01, height + 0.01
+    return lathe([(0, floor), (foot - 0.005, floor), (foot, floor + 0.005), (rim, end), (0, end)])
 
 
 def pitcher(rng: Rng) -> Shape:
     """Jugs: a belly with a handle on one side and a spout on the other."""
     r, h = rng.uniform(0.03, 0.042), rng.uniform(0.1, 0.16)
     neck = r * rng.uniform(0.5, 0.75)
-    belly = lathe(
-        smooth(np.array([0, 0.1, 0.4, 0.8, 1]) * h, [0.8 * r, 0.95 * r, r, neck, 1.1 * neck])
-    )
+    z = np.array([0, 0.1, 0.4, 0.8, 1]) * h
+    belly = lathe(smooth(z, [0.8 * r, 0.95 * r, r, neck, 1.1 * neck]))
     bow = handle(0.55 * r, 0.25 * h, 0.85 * h, rng.uniform(0.035, 0.045), 0.005)
     beak = ellipsoid((0.022, 0.009, 0.012)).moved(translation=(-1.1 * neck, 0, 0.95 * h))
     return Shape(belly | bow | beak, mirror_axes("y"))
@@ -86,10 +76,8 @@ def hammer(rng: Rng) -> Shape:
     face = cylinder(thick, head).moved(Z_TO_X, (head / 2, 0, length))
     peen = prism([(0, -thick), (0, thick), (-head, 0.4 * thick)], 1.6 * thick)
     peen = peen.moved(rotation_about([1.0, 0.0, 0.0], np.pi / 2), (0.0, 0, length))
-    return Shape(
-        grip | face | peen | box((0.02, 1.7 * thick, 2 * thick)).moved(translation=(0, 0, length)),
-        mirror_axes("y"),
-    )
+    eye = box((0.02, 1.7 * thick, 2 * thick)).moved(translation=(0, 0, length))
+    return Shape(grip | face | peen | eye, mirror_axes("y"))
 
 
 def mallet(rng: Rng) -> Shape:
@@ -116,12 +104,8 @@ def knife(rng: Rng) -> Shape:
     handle, blade = rng.uniform(0.08, 0.11), rng.uniform(0.08, 0.12)
     high, thick = rng.uniform(0.018, 0.026), rng.uniform(0.012, 0.018)
     grip = rounded_box((handle, thick, high), 0.4 * thick).moved(translation=(-handle / 2, 0, 0))
-    outline = [
-        (-0.01, -high / 2),
-        (0.75 * blade, -high / 2),
-        (blade, 0.2 * high),
-        (-0.01, high / 2),
-    ]
+    edge, back = -high / 2, high / 2
+    outline = [(-0.01, edge), (0.75 * blade, edge), (blade, 0.2 * high), (-0.01, back)]
     flat = prism(outline, 0.003).moved(rotation_about([1.0, 0.0, 0.0], np.pi / 2))
     return Shape(grip | flat, mirror_axes("y"))
 
@@ -197,9 +181,8 @@ def animal(rng: Rng) -> Shape:
         for y in (-0.55 * r, 0.55 * r):
             solid = solid | cylinder(thick, leg + r).moved(translation=(x, y, (leg + r) / 2))
     tail = ellipsoid((0.5 * length, 0.004, 0.004))
-    return Shape(
-        solid | tail.moved(translation=(-1.2 * length, 0, leg + 0.8 * r)), mirror_axes("y")
-    )
+    tail = tail.moved(translation=(-1.2 * length, 0, leg + 0.8 * r))
+    return Shape(solid | tail, mirror_axes("y"))
 
 
 def figure(rng: Rng) -> Shape:
@@ -218,12 +201,8 @@ def figure(rng: Rng) -> Shape:
 
 def mouse(rng: Rng) -> Shape:
     """Computer mice, irons: half an egg with a flat sole."""
-    length, wide, high = (
-        rng.uniform(0.045, 0.06),
-        rng.uniform(0.025, 0.034),
-        rng.uniform(0.03, 0.04),
-    )
-    egg = lump(1.0, (length, wide, high), [(np.array([1.6, 0.0, 0.0]), 0.08, 0.0)])
+    size = rng.uniform(0.045, 0.06), rng.uniform(0.025, 0.034), rng.uniform(0.03, 0.04)
+    egg = lump(1.0, size, [(np.array([1.6, 0.0, 0.0]), 0.08, 0.0)])
     sole = box((0.3, 0.3, 0.3)).moved(translation=(0, 0, -0.15))
     cut = Solid((egg.body - sole.body), (egg.pieces[0][egg.pieces[0][:, 2] >= 0],))
     return Shape(cut, mirror_axes("y"))

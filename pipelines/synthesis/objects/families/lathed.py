@@ -45,9 +45,8 @@ def bottle(rng: Rng) -> Shape:
         [0, 0.06 * h, 0.3 * h, shoulder, shoulder + 0.15 * h, h],
         [0.92 * r, r, waist, r, 1.05 * neck, neck],
     )
-    lid = rounded_lathe(
-        [(0, h - 0.002), (1.2 * neck, h - 0.002), (1.2 * neck, h + cap), (0, h + cap)]
-    )
+    low, high, wide = h - 0.002, h + cap, 1.2 * neck
+    lid = rounded_lathe([(0, low), (wide, low), (wide, high), (0, high)])
     return Shape(lathe(body, slabs=6) | lid, revolution())
 
 
@@ -111,9 +110,8 @@ def fruit(rng: Rng) -> Shape:
     """Pears, apples, lemons, eggs."""
     r, h = rng.uniform(0.025, 0.04), rng.uniform(0.05, 0.1)
     waist = r * rng.uniform(0.5, 0.95)
-    z, radii = [0, 0.03, 0.12, 0.35, 0.7, 0.9, 0.98, 1.0], [0, 0.35, 0.75, 1, 0, 0.55, 0.25, 0]
-    radii[4] = waist / r
-    radii[5] = 0.65 * radii[4]
+    middle, z = waist / r, [0, 0.03, 0.12, 0.35, 0.7, 0.9, 0.98, 1.0]
+    radii = [0, 0.35, 0.75, 1, middle, 0.65 * middle, 0.25, 0]
     profile = smooth(np.array(z) * h, np.array(radii) * r, 36)
     return Shape(lathe(profile[1:-1], slabs=5), revolution())
 
@@ -141,9 +139,8 @@ def dumbbell(rng: Rng) -> Shape:
     bar, disc = r * rng.uniform(0.3, 0.6), h * rng.uniform(0.15, 0.3)
     half = [(0, 0), (r, 0), (r, disc), (bar, disc + 0.003)]
     corners = [*half, *((x, h - z) for x, z in reversed(half))]
-    return Shape(
-        rounded_lathe(np.array(corners) - [0, h / 2], 0.004, slabs=5), revolution(level=True)
-    )
+    solid = rounded_lathe(np.array(corners) - [0, h / 2], 0.004, slabs=5)
+    return Shape(solid, revolution(level=True))
 
 
 def tube(rng: Rng) -> Shape:
@@ -156,9 +153,8 @@ def ring(rng: Rng) -> Shape:
     """Rings with a round or flattened section (doughnuts, bracelets)."""
     r, thick = rng.uniform(0.025, 0.05), rng.uniform(0.006, 0.014)
     angle = np.linspace(0.0, 2 * np.pi, 20, endpoint=False)
-    section = np.column_stack(
-        [thick * np.cos(angle), rng.uniform(0.7, 1.6) * thick * np.sin(angle)]
-    )
+    high = rng.uniform(0.7, 1.6) * thick
+    section = np.column_stack([thick * np.cos(angle), high * np.sin(angle)])
     return Shape(torus(r, section), revolution(level=True))
 
 
@@ -183,8 +179,5 @@ def pawn(rng: Rng) -> Shape:
     r, h = rng.uniform(0.018, 0.035), rng.uniform(0.07, 0.16)
     head = r * rng.uniform(0.5, 0.95)
     z = np.array([0, 0.06, 0.15, 0.45, 0.6, 0.68, 0.82, 0.95, 0.99, 1.0]) * h
-    radii = [
-        *(np.array([1, 1, 0.7, 0.38, 0.34]) * r),
-        *(np.array([0.6, 1, 0.6, 0.25, 0.01]) * head),
-    ]
-    return Shape(lathe(smooth(z, radii, 40), slabs=8), revolution())
+    body, top = np.array([1, 1, 0.7, 0.38, 0.34]) * r, np.array([0.6, 1, 0.6, 0.25, 0.01]) * head
+    return Shape(lathe(smooth(z, [*body, *top], 40), slabs=8), revolution())

@@ -92,10 +92,8 @@ def elbow(rng: Rng) -> Shape:
     start = np.column_stack([np.linspace(-leg, 0, 5)[:-1], np.zeros(4), np.zeros(4)])
     end = np.column_stack([np.full(4, bend), bend + np.linspace(0, leg, 5)[1:], np.zeros(4)])
     path = np.concatenate([start, arc, end]) - [bend, 0.0, 0.0]
-    return Shape(
-        bent_tube(path, np.full(len(path), r)),
-        mirror_axes("z") + mirror_planes(np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)),
-    )
+    planes = mirror_axes("z") + mirror_planes(np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0))
+    return Shape(bent_tube(path, np.full(len(path), r)), planes)
 
 
 def wedge(rng: Rng) -> Shape:

@@ -29,15 +29,10 @@ from pipelines.metrics.symmetry_matching import (
 
 @dataclass(frozen=True)
 class RegionOwners:
-    """Whose the predicted regions are; one entry a region, -1 for nobody's.
+    """Whose the predicted regions are; one entry a region, -1 for nobody's."""
 
-    Attributes:
-        object_id: the object that most of the region covers.
-        instance: index of the true symmetric region it overlaps most.
-    """
-
-    object_id: list[int]
-    instance: list[int]
+    object_id: list[int]  # the object that most of the region covers
+    instance: list[int]  # index of the true symmetric region it overlaps most
 
 
 @dataclass(frozen=True)

@@ -13,19 +13,12 @@ from pipelines.grasping.ranked_grasps import RankedGrasps
 
 @dataclass(frozen=True)
 class RowPredictions:
-    """One method on the regions of a frame; lists have one entry a region.
+    """One method on the regions of a frame, camera frame; lists have one entry a region."""
 
-    Attributes:
-        best: best grasp, camera frame; empty or one grasp.
-        rank_score: of the best grasp; -inf where there is none.
-        symmetries: camera frame; None for a method that predicts none.
-        every: all grasps of the frame, camera frame; None for none.
-    """
-
-    best: list[GraspPoses]
-    rank_score: list[float]
-    symmetries: list[SymmetrySlots] | None = None
-    every: "ScoredGrasps | None" = None
+    best: list[GraspPoses]  # empty or one grasp
+    rank_score: list[float]  # of the best grasp; -inf where there is none
+    symmetries: list[SymmetrySlots] | None = None  # None for a method that predicts none
+    every: "ScoredGrasps | None" = None  # all grasps of the frame; None for none
 
     @classmethod
     def from_ranked(

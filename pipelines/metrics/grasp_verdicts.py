@@ -49,19 +49,12 @@ class TrueObject:
 
 @dataclass(frozen=True)
 class TrueScene:
-    """All objects of a frame with their poses, the table under them and what stands around.
+    """All objects of a frame with their poses, the table under them and what stands around."""
 
-    Attributes:
-        objects: by object id.
-        poses: `T_cam_obj` (4, 4) by object id.
-        T_table_cam: (4, 4); the table's top is z = 0, z up.
-        surroundings: walls, bins and the like, table frame.
-    """
-
-    objects: Mapping[int, TrueObject]
-    poses: Mapping[int, Array]
-    T_table_cam: Array
-    surroundings: Sequence[MeshCollider] = ()
+    objects: Mapping[int, TrueObject]  # by object id
+    poses: Mapping[int, Array]  # `T_cam_obj` (4, 4) by object id
+    T_table_cam: Array  # (4, 4); the table's top is z = 0, z up
+    surroundings: Sequence[MeshCollider] = ()  # walls, bins and the like, table frame
 
     def accuracy(self, grasps: GraspPoses, score: Array, gripper: Gripper) -> Array:
         """Return the accuracy (50, 6) of a frame's `grasps` by GraspNet's protocol, exactly.

@@ -37,21 +37,13 @@ class FrameMeans:
 
 @dataclass(frozen=True)
 class FramePrecision:
-    """An average precision: p predictions of f frames, the most confident first.
+    """An average precision: p predictions of f frames, the most confident first."""
 
-    Attributes:
-        correct: (p,) 1 right, 0 wrong.
-        frame: (p,) index of each one's frame.
-        num_truth: (f,) how many there are to find.
-        last: (p,) the place of the last one that is counted with it; with COCO each its own.
-        coco: COCO's mean over 101 recalls, not the area under all points.
-    """
-
-    correct: Array
-    frame: NDArray[np.int64]
-    num_truth: Array
-    last: NDArray[np.int64]
-    coco: bool = False
+    correct: Array  # (p,) 1 right, 0 wrong
+    frame: NDArray[np.int64]  # (p,) index of each one's frame
+    num_truth: Array  # (f,) how many there are to find
+    last: NDArray[np.int64]  # (p,) place of the last that is counted with it; with COCO its own
+    coco: bool = False  # COCO's mean over 101 recalls, not the area under all points
 
     @classmethod
     def ranked(

@@ -54,19 +54,12 @@ class SolidObject:
 
 @dataclass(frozen=True)
 class ScoredRows:
-    """The grasps of a frame that count, most confident first; one entry a grasp.
+    """The grasps of a frame that count, most confident first; one entry a grasp."""
 
-    Attributes:
-        index: (k,) rows of the dump.
-        owner: (k,) indices of the scene's objects.
-        friction: (k,) the smallest of `AP_FRICTIONS` that holds; `FAILED` if none.
-        reason: (k,) indices of `DUMP_REASONS`.
-    """
-
-    index: Indices
-    owner: Indices
-    friction: Array
-    reason: Indices
+    index: Indices  # (k,) rows of the dump
+    owner: Indices  # (k,) indices of the scene's objects
+    friction: Array  # (k,) the smallest of `AP_FRICTIONS` that holds; `FAILED` if none
+    reason: Indices  # (k,) indices of `DUMP_REASONS`
 
 
 @dataclass(frozen=True)

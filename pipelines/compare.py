@@ -143,8 +143,7 @@ def tables(comparison: Comparison) -> list[Table]:
     for split in dict.fromkeys(figure.split for figure in comparison.figures):
         figures = [figure for figure in comparison.figures if figure.split == split]
         title = f"{split}: {figures[0].frames} frames in common"
-        units = figures[0].differences[0].units
-        title += f", {units} scenes" if config.unit == "scene" else ""
+        title += f", {figures[0].differences[0].units} scenes" if config.unit == "scene" else ""
         title += f", row `{config.row}`" if config.row != DEFAULT_ROW else ""
         found.append(Table(title, tuple(header), tuple(map(_row, figures))))
     note = (
@@ -241,8 +240,7 @@ def _write(output: Path, found: Comparison, reports: Sequence[Path], stamp: Stam
     if output.suffix == ".html":
         title = f"SymGrasp: {' and '.join(found.runs)}"
         template = TEMPLATES / "comparison.html"
-        page = rendered(template, title=title, notes=found.notes, tables=tables(found))
-        write_text(output, page)
+        write_text(output, rendered(template, title=title, notes=found.notes, tables=tables(found)))
         write_sidecar(output, stamp)
         return
     figures: dict[str, dict[str, Any]] = {}

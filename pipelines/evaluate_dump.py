@@ -54,8 +54,7 @@ def run(
     drop_stale(items, options)
     report = run_batch(STAGE, items, functools.partial(_evaluate_scene, root, config), options)
     if not options.dry_run:
-        finished = [item for item in items if item.target.exists()]
-        tally = _tally(finished, report)
+        tally = _tally([item for item in items if item.target.exists()], report)
         more: dict[str, Any] = {"accuracy": tally.accuracy(), "scenes": tally.scenes}
         reports.write_report(
             output, tally.rows(), stamp, protocol=PROTOCOL, exact=config.exact, **more

@@ -169,8 +169,7 @@ def _scored_slots(
 def _scored_kind(
     predicted: Sequence[PredictedSymmetry], kind: str, truth: FrameTruth, config: EvaluateConfig
 ) -> ScoredPredictions:
-    sphere = kind == "sphere"
-    thresholds = (config.sphere_threshold,) if sphere else config.symmetry_thresholds
+    thresholds = (config.sphere_threshold,) if kind == "sphere" else config.symmetry_thresholds
     return ScoredPredictions(
         sum(len(scored_symmetries(region, kind)) for region in truth.regions),
         [prediction.confidence for prediction in predicted],

@@ -88,5 +88,4 @@ def _symmetries(regions: RegionTable, region: int) -> SymmetrySlots:
     known = np.isfinite(point).all(axis=1)
     known &= np.isfinite(direction).all(axis=1) | (np.arange(len(point)) == SPHERE_SLOT)
     stored = regions.symmetry_confidence[region].astype(np.float64)
-    confidence = np.where(known, np.nan_to_num(stored), 0.0)
-    return SymmetrySlots(confidence, point, direction)
+    return SymmetrySlots(np.where(known, np.nan_to_num(stored), 0.0), point, direction)

@@ -91,8 +91,7 @@ def read_frame_records(path: Path) -> list[FrameRecord]:
 def _record(entry: Mapping[str, Any]) -> FrameRecord:
     """Return a record of `write_frame_records`: null is nan seconds, and no friction that holds."""
     seconds = math.nan if entry["seconds"] is None else entry["seconds"]
-    verdicts = [verdict for row in entry["rows"].values() for verdict in row["verdicts"]]
-    for verdict in verdicts:
+    for verdict in [verdict for row in entry["rows"].values() for verdict in row["verdicts"]]:
         if verdict["min_friction"] is None:
             verdict["min_friction"] = math.inf
     found: FrameRecord = typed(FrameRecord, {**entry, "seconds": seconds})

@@ -189,8 +189,7 @@ def symmetry_table(rows: ReportRows) -> Table:
         "sphere's centre within 5 cm; the last rows at stricter errors."
     )
     header = ("method", "split", *SYMMETRY_KINDS)
-    title = "Symmetry, average precision"
-    return Table(title, header, tuple(body), note, len(paper), names=2)
+    return Table("Symmetry, average precision", header, tuple(body), note, len(paper), names=2)
 
 
 def graspnet_table(rows: ReportRows) -> Table | None:

@@ -64,8 +64,7 @@ class TruthReader:
             TrueRegion(region_points(instance, scene, intrinsics), tuple(instance.symmetries))
             for instance in instances
         ]
-        split = split_of_scene(files.scene_id)
-        return FrameTruth(split, label, visible, scene, instances, regions)
+        return FrameTruth(split_of_scene(files.scene_id), label, visible, scene, instances, regions)
 
     def object(self, object_id: int) -> TrueObject:
         """Return an object's mesh, surface points and collider."""

@@ -81,8 +81,7 @@ def package_check(needed: Requirement) -> Check:
     if version is None:
         return Check(needed.name, Status.FAIL, f"not installed; {install}")
     if Version(version) < Version(needed.least):
-        old = f"{version} is older than {needed.least}; {install}"
-        return Check(needed.name, Status.FAIL, old)
+        return Check(needed.name, Status.FAIL, f"{version} is older than {needed.least}; {install}")
     for module in _modules(needed.name):
         try:
             import_module(module)

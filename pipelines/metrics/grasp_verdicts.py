@@ -133,8 +133,7 @@ class _Outcomes:
 
 def _outcomes(scene: TrueScene, object_id: int, grasps: GraspPoses, gripper: Gripper) -> _Outcomes:
     local = grasps.transformed(invert(scene.poses[object_id]))
-    mesh = scene.objects[object_id].mesh
-    contacts = close_fingers(mesh, local, gripper.opening(local.width))
+    contacts = close_fingers(scene.objects[object_id].mesh, local, gripper.opening(local.width))
     return _Outcomes(
         contacts,
         min_friction(contacts),
@@ -154,8 +153,7 @@ def collides(scene: TrueScene, grasps: GraspPoses, gripper: Gripper) -> Mask:
         for solid in scene.surroundings:
             hit |= solid.hits(on_table, gripper)
     for object_id, pose in scene.poses.items():
-        collider = scene.objects[object_id].collider
-        hit |= collider.hits(grasps.transformed(invert(pose)), gripper)
+        hit |= scene.objects[object_id].collider.hits(grasps.transformed(invert(pose)), gripper)
     return hit
 
 

@@ -63,8 +63,9 @@ class FramePrecision:
     def at(self, weights: Array) -> Array:
         """Return (b,) the average precisions of `weights` (b, f); nan without any truth."""
         size = max(1, LARGEST_BLOCK // max(len(self.frame), 1))
-        blocks = [self._at(weights[i : i + size]) for i in range(0, len(weights), size)]
-        return np.concatenate(blocks)
+        return np.concatenate(
+            [self._at(weights[i : i + size]) for i in range(0, len(weights), size)]
+        )
 
     def _at(self, weights: Array) -> Array:
         total = weights @ self.num_truth
@@ -122,15 +123,11 @@ def differences(
 ) -> tuple[list[float], list[Difference]]:
     """Return each run's figure on all frames, and the differences of all but the first to it.
 
-    Args:
-        figures: of the runs, over the same frames in the same order.
-        group: (f,) index of what each frame is drawn with: itself, or its scene; 0, 1, ...
-        resamples: how many draws; the same seed draws the same frames.
-        level: share of the draws inside the interval.
-        seed: of the draws.
+    `figures`: over the same frames in the same order. `group`: (f,) index of what each frame is
+    drawn with: itself, or its scene; 0, 1, ... `level`: share of the `resamples` draws inside the
+    interval. The same `seed` draws the same frames.
     """
-    everything = np.ones((1, len(group)))
-    values = [float(figure.at(everything)[0]) for figure in figures]
+    values = [float(figure.at(np.ones((1, len(group))))[0]) for figure in figures]
     units = int(group.max(initial=-1)) + 1
     if units < 2:  # one alone does not show how far it varies
         return values, [Difference(v - values[0], np.nan, np.nan, units) for v in values[1:]]

@@ -83,7 +83,8 @@ def run(
                 prepared.add(prepare(root, items, config, options), f"{_name(root)}/")
         if prepared.failed:
             return prepared
-        frames = frames_of(roots, output, [*prepared.done, *prepared.skipped], config, request.seed)
+        ready = [*prepared.done, *prepared.skipped]
+        frames = frames_of(roots, output, ready, config.val_fraction, request.seed)
         detector = starting_detector(config, request.seed, coco_weights, init)
         trainee = DetectorTraining(detector, frames, config, device, processes)
         metadata = weights_metadata(MODEL_NAME, config.detector)
@@ -121,11 +122,7 @@ def _name(root: Path) -> str:
 
 
 def frames_of(
-    roots: Sequence[Path],
-    output: Path,
-    scenes: Sequence[str],
-    config: FinetuneDetectorConfig,
-    seed: int,
+    roots: Sequence[Path], output: Path, scenes: Sequence[str], val_fraction: float, seed: int
 ) -> FrameSets:
     """Return the frames of `scenes`, each ROOT/SCENE; of each root some are there to validate on.
 
@@ -137,7 +134,7 @@ def frames_of(
         files = sorted(folder.parent / f"{each}.h5" for each in scenes)
         files = [path for path in files if path.parent == folder]
         count, given = detector_frames.count, _given_split(root)
-        sets.append(split_frames(files, count, config.val_fraction, seed, given))
+        sets.append(split_frames(files, count, val_fraction, seed, given))
         _refuse_none(sets[-1], folder)
     return FrameSets(
         [key for each in sets for key in each.train], [key for each in sets for key in each.val]

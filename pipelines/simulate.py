@@ -68,14 +68,14 @@ def run(
     """
     refuse_other_suffix(output, ".json")
     runs = ComparedRuns.of(grasps, others, dataset)
-    root, scenes = runs.root, runs.scenes
+    scenes, reader = runs.scenes, PiecesReader(runs.root, pieces_folder(output))
     config = replace(config, gripper=runs.gripper(config.gripper))
     inputs = runs.inputs(config.gripper, baselines=baselines)
-    inputs["pieces"] = _digest_of_pieces(scenes, root, output)
+    inputs["pieces"] = _digest_of_pieces(scenes, reader)
     settings = {**asdict(config), "baselines": baselines}
     stamp = make_stamp("simulate", settings, seed=seed, inputs=inputs)
     is_finished(output, stamp, overwrite=options.overwrite)  # raises if it is stale
-    models = _model_items(scenes, root, output, config, seed)
+    models = _model_items(scenes, reader, config, seed)
     drop_stale(models, options)
     report = StageReport("simulate")
     report.add(run_batch("simulate models", models, functools.partial(_cut_model, config), options))
@@ -98,14 +98,9 @@ def pieces_folder(output: Path) -> Path:
 
 
 def _model_items(
-    scenes: Iterable[SceneFiles],
-    root: GraspNetRoot,
-    output: Path,
-    config: SimulateConfig,
-    seed: int,
+    scenes: Iterable[SceneFiles], reader: PiecesReader, config: SimulateConfig, seed: int
 ) -> list[WorkItem]:
     """Return one item for every object of the scenes that has no convex pieces in the dataset."""
-    reader = PiecesReader(root, pieces_folder(output))
     settings = {
         name: getattr(config, name) for name in ("convex_enough", "concavity", "max_pieces")
     }
@@ -157,11 +152,10 @@ def _finished(items: Iterable[WorkItem]) -> Iterator[FrameTrials]:
             yield from read_trials(item.target)
 
 
-def _digest_of_pieces(scenes: Iterable[SceneFiles], root: GraspNetRoot, output: Path) -> str:
+def _digest_of_pieces(scenes: Iterable[SceneFiles], reader: PiecesReader) -> str:
     """Return the digest of the models' convex pieces, or of the meshes to be cut."""
-    reader = PiecesReader(root, pieces_folder(output))
     sources = [path for path in map(reader.source, _object_ids(scenes)) if path.is_file()]
-    return digest_text("".join(f"{p.relative_to(root.root)} {digest(p)}\n" for p in sources))
+    return digest_text("".join(f"{p.relative_to(reader.root.root)} {digest(p)}\n" for p in sources))
 
 
 def _object_ids(scenes: Iterable[SceneFiles]) -> list[int]:

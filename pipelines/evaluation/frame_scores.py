@@ -149,15 +149,12 @@ def _object_verdict(
 
 
 def _scored_slots(
-    symmetries: Sequence[SymmetrySlots],
-    owners: RegionOwners,
-    truth: FrameTruth,
-    config: EvaluateConfig,
+    slots: Sequence[SymmetrySlots], owners: RegionOwners, truth: FrameTruth, config: EvaluateConfig
 ) -> dict[str, ScoredPredictions]:
     """Return the verdicts on every slot of every region, whatever its confidence: AP ranks them."""
     predicted = [
         PredictedSymmetry(symmetry, float(region.existence[slot]), owner)
-        for region, owner in zip(symmetries, owners.instance, strict=True)
+        for region, owner in zip(slots, owners.instance, strict=True)
         for slot, symmetry in region.between(0.0)
     ]
     return {

@@ -10,6 +10,7 @@ from itertools import groupby
 from pathlib import Path
 
 from packaging import requirements
+from packaging.utils import canonicalize_name
 from packaging.version import Version
 
 from pipelines.health.checks import Check, Status
@@ -113,19 +114,16 @@ def _modules_of_packages() -> dict[str, list[str]]:
     found: dict[str, list[str]] = {}
     for module, packages in metadata.packages_distributions().items():
         for package in packages:
-            found.setdefault(_plain(package), []).append(module)
+            found.setdefault(canonicalize_name(package), []).append(module)
     return found
 
 
 def _modules(package: str) -> list[str]:
     """Return the modules to load of a package: its namesake, else all that are public."""
-    modules = _modules_of_packages().get(_plain(package), [])
-    namesake = [module for module in modules if _plain(module) == _plain(package)]
+    name = canonicalize_name(package)
+    modules = _modules_of_packages().get(name, [])
+    namesake = [module for module in modules if canonicalize_name(module) == name]
     return namesake or sorted(module for module in modules if not module.startswith("_"))
-
-
-def _plain(name: str) -> str:
-    return re.sub(r"[-_.]+", "-", name).lower()
 
 
 def foreign_torchvision(error: Exception) -> str | None:

@@ -22,11 +22,7 @@ def contact_pair_score(contacts: Contacts) -> Array:
 
 
 def closing_region_score(
-    points: Array,
-    normals: Array,
-    grasps: GraspPoses,
-    gripper: Gripper,
-    foreign_points: Array | None = None,
+    points: Array, normals: Array, grasps: GraspPoses, gripper: Gripper, foreign_points: Array
 ) -> Array:
     """Return (n,) the score of the surface between the open fingers of n `grasps`.
 
@@ -34,11 +30,11 @@ def closing_region_score(
     (m, 3) unit. `foreign_points`: (k, 3) on other objects; a region that holds one scores 0.
     """
     inner = _closing_regions(grasps, gripper)
-    foreign = np.zeros((0, 3)) if foreign_points is None else foreign_points
+
     scores = np.zeros(len(grasps))
     for i in range(len(grasps)):
         rotation, origin = grasps.rotation[i], grasps.translation[i]
-        if _within((foreign - origin) @ rotation, inner[i]).any():
+        if _within((foreign_points - origin) @ rotation, inner[i]).any():
             continue
         local = (points - origin) @ rotation
         inside = _within(local, inner[i])

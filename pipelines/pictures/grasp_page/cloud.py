@@ -21,13 +21,14 @@ STEPS = 65535  # of 16 bits
 
 @dataclass(frozen=True)
 class PixelCloud:
-    """The measured pixels of every n-th row and column."""
+    """The measured pixels of every `stride`-th row and column."""
 
     depth: NDArray[np.uint16]  # (h, w) in steps; 0 = missing
     step: float  # metres; a depth is off by at most half of it
     color: NDArray[np.uint8]  # (h, w, 3) RGB
     region: NDArray[np.uint16]  # (h, w) 0 = none, r + 1 = region r
     camera: Intrinsics  # of these pixels
+    stride: int  # how many of the frame's pixels lie between two, each way
 
     @classmethod
     def of(cls, frame: Frame, result: FrameResult, max_pixels: int) -> "PixelCloud":
@@ -45,7 +46,7 @@ class PixelCloud:
             whole.fx / stride, whole.fy / stride, whole.cx / stride, whole.cy / stride,
             width, height,
         )  # fmt: skip
-        return cls(quantised, step, np.ascontiguousarray(frame.color[thin]), region, camera)
+        return cls(quantised, step, np.ascontiguousarray(frame.color[thin]), region, camera, stride)
 
     def points(self) -> Array:
         """Return (h, w, 3) metres, camera frame, as the page draws them; nan where missing."""

@@ -127,6 +127,9 @@ def frames_of(
     """Return the frames of `scenes`, each ROOT/SCENE; of each root some are there to validate on.
 
     Scenes that an earlier run prepared beside `output`, with another split, are none of them.
+
+    Raises:
+        ValueRangeError: of a root there is no frame to train or to validate on.
     """
     sets = []
     for root in roots:
@@ -135,7 +138,9 @@ def frames_of(
         files = [path for path in files if path.parent == folder]
         count, given = detector_frames.count, _given_split(root)
         sets.append(split_frames(files, count, val_fraction, seed, given))
-        _refuse_none(sets[-1], folder)
+        for of_what, which in (("to train on", sets[-1].train), ("to validate on", sets[-1].val)):
+            if not which:
+                raise ValueRangeError(f"number of frames {of_what} in {folder}", 0, "at least 1")
     return FrameSets(
         [key for each in sets for key in each.train], [key for each in sets for key in each.val]
     )
@@ -223,10 +228,3 @@ def prepare_scene(item: WorkItem, root: GraspNetRoot, config: FinetuneDetectorCo
         frames = frames_of_coco(source, root, config)
     detector_frames.write(item.target, frames, item.stamp)
     return f"{len(frames)} frames"
-
-
-def _refuse_none(frames: FrameSets, folder: Path) -> None:
-    """Raise ValueRangeError if there is no frame to train or to validate on."""
-    for of_what, which in (("to train on", frames.train), ("to validate on", frames.val)):
-        if not which:
-            raise ValueRangeError(f"number of frames {of_what} in {folder}", 0, "at least 1")

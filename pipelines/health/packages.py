@@ -57,12 +57,8 @@ def required() -> list[Requirement]:
 
 def python_check() -> Check:
     """Say which Python runs on what."""
-    system = f"{platform.system()} {platform.machine()}"
-    return Check(
-        "python",
-        Status.OK,
-        f"{platform.python_version()}, {platform.python_implementation()}, {system}",
-    )
+    where = f"{platform.python_implementation()}, {platform.system()} {platform.machine()}"
+    return Check("python", Status.OK, f"{platform.python_version()}, {where}")
 
 
 def project_check() -> Check:

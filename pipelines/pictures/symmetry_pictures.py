@@ -97,8 +97,9 @@ def marks_of(mesh: Mesh, labels: ObjectSymmetries) -> list[Mark]:
         is_whole = len(region.triangles) == len(mesh.faces)
         if not len(region.triangles) or (is_whole and labels.symmetries):
             continue
-        part, tint = mesh.submesh(region.triangles), _dark(REGIONS[index % len(REGIONS)])
-        marks += [Mark(symmetry, part, tint) for symmetry in region.symmetries]
+        part, light = mesh.submesh(region.triangles), REGIONS[index % len(REGIONS)]
+        r, g, b = (int(0.55 * channel) for channel in light)
+        marks += [Mark(symmetry, part, (r, g, b)) for symmetry in region.symmetries]
     if not marks and labels.rejected:
         marks.append(Mark(labels.rejected[0], mesh, REJECTED, dashed=True))
     return marks
@@ -266,8 +267,3 @@ def _label(picture: ColorImage, text: str, pixel: Array, color: Color) -> None:
 def _fixed(pixel: Array) -> tuple[int, int]:
     x, y = np.rint(np.clip(pixel, -1e4, 1e4) * 8).astype(int)
     return int(x), int(y)
-
-
-def _dark(color: Color) -> Color:
-    r, g, b = (int(0.55 * channel) for channel in color)
-    return r, g, b

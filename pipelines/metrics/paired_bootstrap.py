@@ -63,9 +63,8 @@ class FramePrecision:
     def at(self, weights: Array) -> Array:
         """Return (b,) the average precisions of `weights` (b, f); nan without any truth."""
         size = max(1, LARGEST_BLOCK // max(len(self.frame), 1))
-        return np.concatenate(
-            [self._at(weights[i : i + size]) for i in range(0, len(weights), size)]
-        )
+        blocks = [self._at(weights[i : i + size]) for i in range(0, len(weights), size)]
+        return np.concatenate(blocks)
 
     def _at(self, weights: Array) -> Array:
         total = weights @ self.num_truth

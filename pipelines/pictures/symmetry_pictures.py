@@ -197,8 +197,7 @@ def _sheet(extent: Mesh, plane: ReflectionSymmetry) -> Array:
 
 
 def _draw_axis(view: _View, mark: Mark, axis: RotationSymmetry) -> None:
-    used = mark.extent.vertices[np.unique(mark.extent.faces)]
-    along = (used - axis.point) @ axis.axis
+    along = (mark.extent.vertices[np.unique(mark.extent.faces)] - axis.point) @ axis.axis
     middle, half = 0.5 * (along.min() + along.max()), 0.5 * np.ptp(along)
     reach = max(half * OVERHANG + 0.06 * view.size, 0.1 * view.size)
     ends = axis.point + (middle + np.array([[-reach], [reach]])) * axis.axis

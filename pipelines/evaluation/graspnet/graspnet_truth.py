@@ -132,8 +132,7 @@ class InputDigests:
 
     def of(self, dumped: DumpedScene) -> dict[str, str]:
         """Return digests of a scene's dump, poses and meshes; what is absent counts as absent."""
-        folder = self._root.scene_folder(dumped.scene_id)
-        files = SceneFiles(folder, dumped.scene_id, dumped.camera)
+        files = SceneFiles(self._root.scene_folder(dumped.scene_id), dumped.scene_id, dumped.camera)
         return {
             "dump": digest_folder(dumped.folder, "*.npy"),
             "poses": self._poses(files),

@@ -35,7 +35,7 @@ class BatchOptions:
     backend: str = "loky"  # or `dask` or `ray` where these are installed
     overwrite: bool = False  # make outputs again that exist
     dry_run: bool = False  # say what would be done, do nothing
-    progress: bool = True  # show how much is done: a bar on a terminal, else lines on stderr
+    progress: bool = True  # show on stderr how much is done: a bar, or lines if no terminal
     most_chosen: int = 2  # processes that a stage takes at most where it chooses
 
     @property

@@ -15,16 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
+from pipelines.annotation import jobs
 from pipelines.annotation.extras import AnnotationExtras, write_extras
-from pipelines.annotation.jobs import (
-    STAGE,
-    Job,
-    Sources,
-    edits_of,
-    is_to_correct,
-    items_of,
-    without_given,
-)
 from pipelines.annotation.objects import annotate, correct
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.dataset.meshes import read_mesh
@@ -37,7 +29,7 @@ from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_bat
 from pipelines.runtime.one_run import one_run_at_a_time
 
 
-@one_run_at_a_time(STAGE, "output_dir", "source")
+@one_run_at_a_time(jobs.STAGE, "output_dir", "source")
 def run(
     source: Path,
     output_dir: Path | None,
@@ -49,19 +41,19 @@ def run(
 ) -> StageReport:
     """Annotate a dataset root in place, or a mesh or a folder of meshes into `output_dir`."""
     extras, options = extras or AnnotationExtras(), options or BatchOptions()
-    sources = Sources(
+    sources = jobs.Sources(
         edits={} if extras.edits is None else symmetry_edits.read(extras.edits),
         given={} if extras.bop_symmetries is None else bop_models_info.read(extras.bop_symmetries),
     )
-    items = items_of(source, output_dir, config, seed, sources)
+    items = jobs.items_of(source, output_dir, config, seed, sources)
     given = extras.bop_symmetries
-    missing = [] if given is None else without_given(items, given, sources)
+    missing = [] if given is None else jobs.without_given(items, given, sources)
     step = partial(annotate_file, config=config, seed=seed)
     # Corrections are applied to finished annotations; other finished annotations stay.
-    to_correct = {item.name for item in items if is_to_correct(item)}
-    report = run_batch(STAGE, [i for i in items if i.name not in to_correct], step, options)
+    to_correct = {item.name for item in items if jobs.is_to_correct(item)}
+    report = run_batch(jobs.STAGE, [i for i in items if i.name not in to_correct], step, options)
     corrections = [item for item in items if item.name in to_correct]
-    report.add(run_batch(STAGE, corrections, step, replace(options, overwrite=True)))
+    report.add(run_batch(jobs.STAGE, corrections, step, replace(options, overwrite=True)))
     _refuse_unknown(report, sources.edits, [item.name for item in items])
     if given is not None and missing:
         report.notes[given.name] = f"has no entry of {', '.join(missing)}; what was found stays"
@@ -72,16 +64,16 @@ def run(
 
 def annotate_file(item: WorkItem, config: AnnotateSymmetryConfig, seed: int) -> str:
     """Annotate one mesh file, or correct its annotation; `item.arguments`: a `Job`."""
-    job: Job = item.arguments[0]
+    job: jobs.Job = item.arguments[0]
     if job.refusal is not None:
         raise SymgraspError(job.refusal)
-    if job.edits is None and edits_of(item.target) is not None:
+    if job.edits is None and jobs.edits_of(item.target) is not None:
         raise SymgraspError(
             f"{item.target} holds corrections by hand, which would be lost; "
             "pass them again with --edit, or delete the file"
         )
     mesh, rng = read_mesh(job.mesh, config.mesh_scale), np.random.default_rng(seed)
-    if job.edits is not None and is_to_correct(item):
+    if job.edits is not None and jobs.is_to_correct(item):
         labels = symmetry_labels.read(item.target)
         labels, notes = correct(mesh, labels, job.edits, config, rng, job.regions)
     else:

@@ -30,15 +30,8 @@ from pipelines.evaluation.tallies import ALL
 from pipelines.metrics.paired_bootstrap import FEWEST_UNITS, Difference, differences
 from pipelines.pictures.pages import rendered
 from pipelines.runtime.one_run import one_run_at_a_time
+from pipelines.storage import provenance
 from pipelines.storage.files import finite_json, write_json, write_text
-from pipelines.storage.provenance import (
-    Stamp,
-    digest,
-    digest_folder,
-    is_finished,
-    make_stamp,
-    write_sidecar,
-)
 
 FORMAT_VERSION = 1
 # Nothing of these concerns our own row; `hands` is what 0.1 called the grasp critic's digest.
@@ -96,9 +89,9 @@ def run(
         SymgraspError: runs that cannot be paired.
     """
     check_settings(config)
-    stamp = make_stamp("compare", config, seed=seed, inputs=_digests(reports))
-    if output is not None:
-        is_finished(output, stamp, overwrite=overwrite)  # refuses to replace another comparison
+    stamp = provenance.make_stamp("compare", config, seed=seed, inputs=_digests(reports))
+    if output is not None:  # refuses to replace another comparison
+        provenance.is_finished(output, stamp, overwrite=overwrite)
     names = run_names(reports)
     runs = [read_run(path, name, config.row) for path, name in zip(reports, names, strict=True)]
     found = compared(runs, config, seed)
@@ -143,8 +136,7 @@ def tables(comparison: Comparison) -> list[Table]:
     for split in dict.fromkeys(figure.split for figure in comparison.figures):
         figures = [figure for figure in comparison.figures if figure.split == split]
         title = f"{split}: {figures[0].frames} frames in common"
-        units = figures[0].differences[0].units
-        title += f", {units} scenes" if config.unit == "scene" else ""
+        title += f", {figures[0].differences[0].units} scenes" if config.unit == "scene" else ""
         title += f", row `{config.row}`" if config.row != DEFAULT_ROW else ""
         found.append(Table(title, tuple(header), tuple(map(_row, figures))))
     note = (
@@ -231,19 +223,20 @@ def _differing(first: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
 def _digests(reports: Sequence[Path]) -> dict[str, str]:
     digests = {}
     for place, path in enumerate(reports):
-        digests[f"report {place}"] = digest(path) if path.is_file() else ""
+        digests[f"report {place}"] = provenance.digest(path) if path.is_file() else ""
         for folder in compared_folders(path):
-            digests[f"{folder.suffix[1:]} {place}"] = digest_folder(folder, "*")
+            digests[f"{folder.suffix[1:]} {place}"] = provenance.digest_folder(folder, "*")
     return digests
 
 
-def _write(output: Path, found: Comparison, reports: Sequence[Path], stamp: Stamp) -> None:
+def _write(
+    output: Path, found: Comparison, reports: Sequence[Path], stamp: provenance.Stamp
+) -> None:
     if output.suffix == ".html":
         title = f"SymGrasp: {' and '.join(found.runs)}"
         template = TEMPLATES / "comparison.html"
-        page = rendered(template, title=title, notes=found.notes, tables=tables(found))
-        write_text(output, page)
-        write_sidecar(output, stamp)
+        write_text(output, rendered(template, title=title, notes=found.notes, tables=tables(found)))
+        provenance.write_sidecar(output, stamp)
         return
     figures: dict[str, dict[str, Any]] = {}
     for figure in found.figures:
@@ -252,11 +245,9 @@ def _write(output: Path, found: Comparison, reports: Sequence[Path], stamp: Stam
             "values": figure.values,
             "differences": [asdict(difference) for difference in figure.differences],
         }
+    runs = zip(found.runs, reports, strict=True)
     content = {
-        "runs": [
-            {"name": name, "report": str(path)}
-            for name, path in zip(found.runs, reports, strict=True)
-        ],
+        "runs": [{"name": name, "report": str(path)} for name, path in runs],
         "row": found.config.row,
         "notes": found.notes,
         "figures": figures,

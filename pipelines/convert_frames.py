@@ -48,8 +48,7 @@ def run(
     started, report = time.monotonic(), StageReport(STAGE)
     sources = find_frames(frames, replace(stated, trust_pickles=config.trust_pickle))
     overrides = f"{stated.camera} {stated.depth_units_per_metre}"
-    inputs = {"frames": _digest(sources), "overrides": overrides}
-    stamp = make_stamp(STAGE, config, inputs=inputs)
+    stamp = make_stamp(STAGE, config, inputs={"frames": _digest(sources), "overrides": overrides})
     if is_finished(output, stamp, overwrite=overwrite):
         report.skipped += [source.name for source in sources]
         return report

@@ -36,8 +36,7 @@ def run(config: DoctorConfig, *, folder: Path | None = None) -> Iterator[Check]:
     yield looked_at("cores", machine.cores_check)
     yield looked_at("rays", machine.rays_check)
     yield looked_at("memory", partial(machine.memory_check, config.min_free_memory))
-    disk = partial(machine.disk_check, folder or Path.cwd(), config.min_free_disk)
-    yield looked_at("disk", disk)
+    yield looked_at("disk", partial(machine.disk_check, folder or Path.cwd(), config.min_free_disk))
     if NETWORKS.isdisjoint(failed):
         yield looked_at("operators", torch_checks.operator_check)
         yield from torch_checks.gpu_checks(config.max_product_error)

@@ -17,7 +17,7 @@ memory at a time, and of each prediction a few bytes for the figures.
 """
 
 import functools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -79,7 +79,7 @@ def run(
     if not options.dry_run:
         report.notes |= write_report_files(
             output,
-            _finished(items),
+            (read_frame_records(item.target) for item in items if item.target.exists()),
             runs,
             config,
             stamp,
@@ -121,8 +121,3 @@ def _evaluate_scene(
     records = [evaluate_frame(each, reader, others, item.stamp.seed) for each in frames]
     write_frame_records(item.target, records, item.stamp)
     return None
-
-
-def _finished(items: Sequence[WorkItem]) -> Iterator[list[FrameRecord]]:
-    """Yield the records of each finished scene."""
-    return (read_frame_records(item.target) for item in items if item.target.exists())

@@ -25,9 +25,9 @@ from pipelines.evaluation.graspnet.dump_verdicts import (
     write_dump_verdicts,
 )
 from pipelines.evaluation.graspnet.graspnet_figures import DumpTally, dump_tables
-from pipelines.evaluation.graspnet.graspnet_inputs import InputDigests
 from pipelines.evaluation.graspnet.graspnet_page import dump_page
 from pipelines.evaluation.graspnet.graspnet_scenes import score_scene
+from pipelines.evaluation.graspnet.graspnet_truth import InputDigests
 from pipelines.evaluation.tables import Table
 from pipelines.grasp_files.exports.graspnet_dump import DumpedScene, dumped_scenes
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
@@ -54,8 +54,7 @@ def run(
     drop_stale(items, options)
     report = run_batch(STAGE, items, functools.partial(_evaluate_scene, root, config), options)
     if not options.dry_run:
-        finished = [item for item in items if item.target.exists()]
-        tally = _tally(finished, report)
+        tally = _tally([item for item in items if item.target.exists()], report)
         more: dict[str, Any] = {"accuracy": tally.accuracy(), "scenes": tally.scenes}
         reports.write_report(
             output, tally.rows(), stamp, protocol=PROTOCOL, exact=config.exact, **more

@@ -83,7 +83,8 @@ def run(
                 prepared.add(prepare(root, items, config, options), f"{_name(root)}/")
         if prepared.failed:
             return prepared
-        frames = frames_of(roots, output, [*prepared.done, *prepared.skipped], config, request.seed)
+        ready = [*prepared.done, *prepared.skipped]
+        frames = frames_of(roots, output, ready, config.val_fraction, request.seed)
         detector = starting_detector(config, request.seed, coco_weights, init)
         trainee = DetectorTraining(detector, frames, config, device, processes)
         metadata = weights_metadata(MODEL_NAME, config.detector)
@@ -121,15 +122,14 @@ def _name(root: Path) -> str:
 
 
 def frames_of(
-    roots: Sequence[Path],
-    output: Path,
-    scenes: Sequence[str],
-    config: FinetuneDetectorConfig,
-    seed: int,
+    roots: Sequence[Path], output: Path, scenes: Sequence[str], val_fraction: float, seed: int
 ) -> FrameSets:
     """Return the frames of `scenes`, each ROOT/SCENE; of each root some are there to validate on.
 
     Scenes that an earlier run prepared beside `output`, with another split, are none of them.
+
+    Raises:
+        ValueRangeError: of a root there is no frame to train or to validate on.
     """
     sets = []
     for root in roots:
@@ -137,8 +137,10 @@ def frames_of(
         files = sorted(folder.parent / f"{each}.h5" for each in scenes)
         files = [path for path in files if path.parent == folder]
         count, given = detector_frames.count, _given_split(root)
-        sets.append(split_frames(files, count, config.val_fraction, seed, given))
-        _refuse_none(sets[-1], folder)
+        sets.append(split_frames(files, count, val_fraction, seed, given))
+        for of_what, which in (("to train on", sets[-1].train), ("to validate on", sets[-1].val)):
+            if not which:
+                raise ValueRangeError(f"number of frames {of_what} in {folder}", 0, "at least 1")
     return FrameSets(
         [key for each in sets for key in each.train], [key for each in sets for key in each.val]
     )
@@ -226,10 +228,3 @@ def prepare_scene(item: WorkItem, root: GraspNetRoot, config: FinetuneDetectorCo
         frames = frames_of_coco(source, root, config)
     detector_frames.write(item.target, frames, item.stamp)
     return f"{len(frames)} frames"
-
-
-def _refuse_none(frames: FrameSets, folder: Path) -> None:
-    """Raise ValueRangeError if there is no frame to train or to validate on."""
-    for of_what, which in (("to train on", frames.train), ("to validate on", frames.val)):
-        if not which:
-            raise ValueRangeError(f"number of frames {of_what} in {folder}", 0, "at least 1")

@@ -126,6 +126,6 @@ def _finished_report(paths: InferPaths, count: int) -> StageReport:
     for result in read_results(paths.output, range(count)):
         if result.status == "failed":
             report.failed[result.name] = result.message
-            continue
-        report.skipped.append(result.name)
+        else:
+            report.skipped.append(result.name)
     return report

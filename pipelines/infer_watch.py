@@ -58,8 +58,7 @@ def run(
     check_names(config)
     refuse_others_work(paths.output)
     _check_wishes(paths, options)
-    settings = Settings(paths, config, seed, device, timings)
-    work = Work(settings, stated, choice)
+    work = Work(Settings(paths, config, seed, device, timings), stated, choice)
     signals = StopSignals()
     options = replace(side_by_side(options, 0, device), progress=False)  # a line a frame instead
     threads, thread = ThreadPoolExecutor(options.workers), ThreadPoolExecutor(1)

@@ -52,12 +52,7 @@ class Findings:
     report: StageReport
 
 
-def run(
-    frames: Path,
-    config: InspectConfig,
-    *,
-    stated: FrameOptions = NOTHING_STATED,
-) -> Findings:
+def run(frames: Path, config: InspectConfig, *, stated: FrameOptions = NOTHING_STATED) -> Findings:
     """Read frames of a folder or file, evenly spread where there are many; say what they are.
 
     `stated`: camera and unit of all frames, instead of what the files beside them say.
@@ -71,11 +66,9 @@ def run(
     for source in _spread(sources, config.max_frames):
         with report.attempting(source.name):
             look = _look(source, source.read())
-            alike = (look.layout, look.intrinsics, look.units_per_metre)
-            groups.setdefault(alike, []).append(look)
+            groups.setdefault((look.layout, look.intrinsics, look.units_per_metre), []).append(look)
     report.seconds = time.monotonic() - started
-    found = Counter(source.layout for source in sources)
-    return Findings(found, list(groups.values()), report)
+    return Findings(Counter(source.layout for source in sources), list(groups.values()), report)
 
 
 def findings_lines(findings: Findings) -> list[str]:

@@ -193,8 +193,7 @@ def _write_model(item: WorkItem) -> str:
 
 def _grid_item(root: GraspNetRoot, source: Source) -> WorkItem:
     model = root.model_path(source.object_id)
-    inputs = {model.name: digest_if_there(model)}
-    stamp = make_stamp(f"{STAGE} distance grid", {}, inputs=inputs)
+    stamp = make_stamp(f"{STAGE} distance grid", {}, inputs={model.name: digest_if_there(model)})
     return WorkItem(source.title, model.with_name("textured.sdf"), stamp, (model,))
 
 
@@ -218,8 +217,7 @@ def _label(
     """Label one object with all workers, part by part, and add the result to `report`."""
     model, target = root.model_path(source.object_id), root.grasp_label_path(source.object_id)
     try:
-        inputs = {model.name: digest_if_there(model)}
-        stamp = make_stamp(STAGE, config, seed=seed, inputs=inputs)
+        stamp = make_stamp(STAGE, config, seed=seed, inputs={model.name: digest_if_there(model)})
         if is_finished(target, stamp, overwrite=options.overwrite):
             report.skipped.append(source.title)
             return

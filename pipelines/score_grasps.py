@@ -40,22 +40,17 @@ UNSURE = "is not closed; near its holes the distance grid, and with it the verdi
 
 @one_run_at_a_time(STAGE, "output")
 def run(
-    mesh_path: Path,
-    grasps_path: Path,
-    output: Path,
-    config: ScoreGraspsConfig,
-    *,
-    overwrite: bool = False,
+    model: Path, grasps: Path, output: Path, config: ScoreGraspsConfig, *, overwrite: bool = False
 ) -> StageReport:
-    """Score the rows of `grasps_path` on the mesh; rows that are no grasps are named.
+    """Score the rows of `grasps` on the mesh `model`; rows that are no grasps are named.
 
     Raises:
         ValueRangeError: `output` is not named .npz.
     """
     refuse_other_suffix(output, ".npz")
     started, report = time.monotonic(), StageReport(STAGE)
-    inputs = {"mesh": digest(existing(mesh_path)), "grasps": digest(existing(grasps_path))}
-    stored = mesh_path.with_suffix(".sdf")
+    inputs = {"mesh": digest(existing(model)), "grasps": digest(existing(grasps))}
+    stored = model.with_suffix(".sdf")
     with_grid = config.compatible and config.mesh_scale == 1.0 and stored.is_file()
     if with_grid:
         inputs["sdf"] = digest(stored)
@@ -63,8 +58,8 @@ def run(
     if is_finished(output, stamp, overwrite=overwrite):
         report.skipped.append(output.name)
         return report
-    mesh, turned = turned_outward(read_mesh(mesh_path, config.mesh_scale))
-    given = read_grasp_rows(grasps_path)
+    mesh, turned = turned_outward(read_mesh(model, config.mesh_scale))
+    given = read_grasp_rows(grasps)
     verdicts = score(mesh, given.rows, config, read_sdf(stored) if with_grid else None)
     _forget(verdicts, sorted(given.faults))
     write_verdicts(output, verdicts, stamp)
@@ -72,9 +67,9 @@ def run(
     report.notes[output.name] = _summary(verdicts)
     unsure = config.compatible and not with_grid and not mesh.is_watertight
     if turned or unsure:
-        report.notes[mesh_path.name] = "; ".join(filter(None, (turned, UNSURE if unsure else "")))
+        report.notes[model.name] = "; ".join(filter(None, (turned, UNSURE if unsure else "")))
     for row in sorted(given.faults)[:NAMED_FAULTS]:
-        report.failed[f"row {row}"] = f"{grasps_path} {given.faults[row]}; it is scored as failed"
+        report.failed[f"row {row}"] = f"{grasps} {given.faults[row]}; it is scored as failed"
     if len(given.faults) > NAMED_FAULTS:
         report.failed["other rows"] = f"{len(given.faults) - NAMED_FAULTS} more are no grasps"
     report.seconds = time.monotonic() - started

@@ -14,8 +14,9 @@ Finished scenes are not tried again. The dataset is only read.
 """
 
 import functools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, replace
+from itertools import chain
 from pathlib import Path
 
 from pipelines.configs import SimulateConfig
@@ -25,21 +26,14 @@ from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
 from pipelines.dataset.meshes import read_solid_mesh
 from pipelines.evaluation.other_runs import ComparedRuns, frames_by_row
 from pipelines.evaluation.tables import Table
-from pipelines.evaluation.trial_records import FrameTrials, read_trials, trials_folder, write_trials
+from pipelines.evaluation.trial_records import read_trials, trials_folder, write_trials
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.simulation.frames import FrameSimulator, PiecesReader
 from pipelines.simulation.success import success_tables, write_success
+from pipelines.storage import provenance
 from pipelines.storage.files import read_json
-from pipelines.storage.provenance import (
-    digest,
-    digest_text,
-    is_finished,
-    make_stamp,
-    refuse_other_suffix,
-    stamp_ahead,
-)
 from pipelines.synthesis.objects.decomposition import is_nearly_convex, physics_pieces
 
 LARGE_SHIFT = 0.01  # metres, more than rounding of poses causes
@@ -66,16 +60,16 @@ def run(
     Raises:
         ValueRangeError: `output` does not end in .json.
     """
-    refuse_other_suffix(output, ".json")
+    provenance.refuse_other_suffix(output, ".json")
     runs = ComparedRuns.of(grasps, others, dataset)
-    root, scenes = runs.root, runs.scenes
+    scenes, reader = runs.scenes, PiecesReader(runs.root, pieces_folder(output))
     config = replace(config, gripper=runs.gripper(config.gripper))
     inputs = runs.inputs(config.gripper, baselines=baselines)
-    inputs["pieces"] = _digest_of_pieces(scenes, root, output)
+    inputs["pieces"] = _digest_of_pieces(scenes, reader)
     settings = {**asdict(config), "baselines": baselines}
-    stamp = make_stamp("simulate", settings, seed=seed, inputs=inputs)
-    is_finished(output, stamp, overwrite=options.overwrite)  # raises if it is stale
-    models = _model_items(scenes, root, output, config, seed)
+    stamp = provenance.make_stamp("simulate", settings, seed=seed, inputs=inputs)
+    provenance.is_finished(output, stamp, overwrite=options.overwrite)  # raises if it is stale
+    models = _model_items(scenes, reader, config, seed)
     drop_stale(models, options)
     report = StageReport("simulate")
     report.add(run_batch("simulate models", models, functools.partial(_cut_model, config), options))
@@ -83,7 +77,8 @@ def run(
     step = functools.partial(_simulate_scene, dataset, output, config, baselines)
     report.add(run_batch("simulate", items, step, options))
     if not options.dry_run:
-        write_success(output, _finished(items), config.frictions, stamp)
+        finished = (read_trials(item.target) for item in items if item.target.exists())
+        write_success(output, chain.from_iterable(finished), config.frictions, stamp)
     return report
 
 
@@ -98,14 +93,9 @@ def pieces_folder(output: Path) -> Path:
 
 
 def _model_items(
-    scenes: Iterable[SceneFiles],
-    root: GraspNetRoot,
-    output: Path,
-    config: SimulateConfig,
-    seed: int,
+    scenes: Iterable[SceneFiles], reader: PiecesReader, config: SimulateConfig, seed: int
 ) -> list[WorkItem]:
     """Return one item for every object of the scenes that has no convex pieces in the dataset."""
-    reader = PiecesReader(root, pieces_folder(output))
     settings = {
         name: getattr(config, name) for name in ("convex_enough", "concavity", "max_pieces")
     }
@@ -113,8 +103,8 @@ def _model_items(
     for object_id in _object_ids(scenes):
         model, target = reader.source(object_id), reader.path(object_id)
         if model != target and model.is_file():
-            inputs = {"mesh": digest(model)}
-            stamp = make_stamp("simulate model", settings, seed=seed, inputs=inputs)
+            inputs = {"mesh": provenance.digest(model)}
+            stamp = provenance.make_stamp("simulate model", settings, seed=seed, inputs=inputs)
             items.append(WorkItem(f"model {object_id:03d}", target, stamp, (model,)))
     return items
 
@@ -129,7 +119,7 @@ def _cut_model(config: SimulateConfig, item: WorkItem) -> str | None:
         max_pieces=config.max_pieces,
         seed=item.stamp.seed,
     )
-    stamp_ahead(item.target, item.stamp)
+    provenance.stamp_ahead(item.target, item.stamp)
     convex_file.write(item.target, pieces)
     if len(pieces) > 1 or is_nearly_convex(mesh, config.convex_enough):
         return None
@@ -150,18 +140,12 @@ def _simulate_scene(
     return f"objects moved by up to {1000 * farthest:.0f} mm until they rested: check the poses"
 
 
-def _finished(items: Iterable[WorkItem]) -> Iterator[FrameTrials]:
-    """Yield the frames of all finished scenes."""
-    for item in items:
-        if item.target.exists():
-            yield from read_trials(item.target)
-
-
-def _digest_of_pieces(scenes: Iterable[SceneFiles], root: GraspNetRoot, output: Path) -> str:
+def _digest_of_pieces(scenes: Iterable[SceneFiles], reader: PiecesReader) -> str:
     """Return the digest of the models' convex pieces, or of the meshes to be cut."""
-    reader = PiecesReader(root, pieces_folder(output))
     sources = [path for path in map(reader.source, _object_ids(scenes)) if path.is_file()]
-    return digest_text("".join(f"{p.relative_to(root.root)} {digest(p)}\n" for p in sources))
+    return provenance.digest_text(
+        "".join(f"{p.relative_to(reader.root.root)} {provenance.digest(p)}\n" for p in sources)
+    )
 
 
 def _object_ids(scenes: Iterable[SceneFiles]) -> list[int]:

@@ -161,11 +161,7 @@ class _Root:
         """Write objects.json: these objects, and earlier records of others that have models."""
         path = self.files.root / "objects.json"
         earlier = object_list.read(path) if path.is_file() else []
-        listed = {
-            each.object_id: each
-            for each in earlier
-            if self.files.model_path(each.object_id).is_file()
-        }
+        listed = {r.object_id: r for r in earlier if self.files.model_path(r.object_id).is_file()}
         for object_id, (pool, index) in self.ids.items():
             if self.sources:
                 name = self.sources[index].name

@@ -163,15 +163,11 @@ def _all_regions(packed: Path) -> RegionSet:
 def _inputs(
     packed: Path | None, validation: Path | None, endless: Path | None, init: Path | None
 ) -> dict[str, str]:
-    folders = (
-        ("packed", packed, "**/*.h5"),
-        ("validation", validation, "**/*.h5"),
-        ("endless symmetry", endless, "symmetry/*.json"),
-        ("endless affordance", endless, "affordance/*.h5"),
-    )
-    inputs = {
-        name: digest_folder(folder, pattern)
-        for name, folder, pattern in folders
-        if folder is not None
+    files = {
+        "packed": (packed, "**/*.h5"),
+        "validation": (validation, "**/*.h5"),
+        "endless symmetry": (endless, "symmetry/*.json"),
+        "endless affordance": (endless, "affordance/*.h5"),
     }
+    inputs = {name: digest_folder(root, glob) for name, (root, glob) in files.items() if root}
     return inputs if init is None else inputs | {"init": digest(existing(init))}

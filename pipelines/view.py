@@ -135,8 +135,7 @@ def _frame_of(item: WorkItem, paths: ViewPaths) -> tuple[Frame, FrameResult]:
 
 def _check_output(paths: ViewPaths, whole: Stamp, *, overwrite: bool) -> None:
     """Refuse a folder that is somebody else's, or made with other settings."""
-    exists = paths.output.exists()
-    if exists and not paths.output.is_dir():
+    if paths.output.exists() and not paths.output.is_dir():
         raise SymgraspError(f"{paths.output} is no folder; choose another one")
     if paths.index.exists():
         stamp = read_stamp(paths.index)

@@ -181,12 +181,9 @@ def models_for_symmetries(
     plane_critic: PlaneCriticWeights = None,
 ) -> dict[str, Path | None]:
     """Return the weights that the user names, by what they are of; None for those that we ship."""
-    return {
-        "detector": detector,
-        "network": network,
-        "axis_critic": axis_critic,
-        "plane_critic": plane_critic,
-    }
+    return dict(
+        detector=detector, network=network, axis_critic=axis_critic, plane_critic=plane_critic
+    )
 
 
 SymmetryModels = Annotated[dict[str, Path | None], MadeOf(models_for_symmetries)]

@@ -72,15 +72,10 @@ def conclude(
 ) -> None:
     """Print what was done, skipped and failed, where it lies and what is usually next.
 
-    Exits with 1 if anything failed.
-
-    Args:
-        report: of the stage.
-        outputs: files and folders that were to be written; None is left out.
-        then: words of the next `symgrasp` command; nothing is next where nothing is finished.
-        tables: printed on stdout, or part of the JSON object.
-        lines: further sentences for people.
-        facts: further entries of the JSON object.
+    Exits with 1 if anything failed. `outputs`: files and folders that were to be written; None is
+    left out. `then`: words of the next `symgrasp` command; nothing is next where nothing is
+    finished. `tables`: printed on stdout, or part of the JSON object. `lines`: further sentences
+    for people. `facts`: further entries of the JSON object.
     """
     if os.environ.get("TORCHELASTIC_RUN_ID") and os.environ.get("RANK", "0") != "0":
         raise typer.Exit(report.exit_code)  # of the processes of torchrun the first one speaks
@@ -89,8 +84,7 @@ def conclude(
     following = shlex.join(["symgrasp", *map(str, then)]) if is_next else None
     if manner().as_json:
         found = {"tables": [asdict(table) for table in tables]} if tables else {}
-        content = _as_json(report, written, following) | found | dict(facts or {})
-        typer.echo(json.dumps(content))
+        typer.echo(json.dumps(_as_json(report, written, following) | found | dict(facts or {})))
     else:
         for table in tables:
             show_table(table)
@@ -111,8 +105,7 @@ def _print_report(
     )
     ends = [*lines, *(f"output: {path}" for path in written)]
     ends += [f"next: {following}"] if following else []
-    sentences = errors if manner().quiet else [*notes, *errors, counts, *ends]
-    for text in sentences:
+    for text in errors if manner().quiet else [*notes, *errors, counts, *ends]:
         typer.echo(printable(text), err=True)
 
 
@@ -143,8 +136,7 @@ def show_table(table: Table) -> None:
 
     console = Console()
     drawn = _drawn(table, gap=1)
-    unbound = console.options.update(width=UNBOUND)
-    width = Measurement.get(console, unbound, drawn).maximum
+    width = Measurement.get(console, console.options.update(width=UNBOUND), drawn).maximum
     if width > console.width and (console.is_terminal or "COLUMNS" in os.environ):
         drawn = _drawn(table, gap=0)
     elif width > console.width:

@@ -66,8 +66,7 @@ class Baselines:
         if not masks:
             rows = {name: RowPredictions([], []) for name in BASELINE_ROWS}
             return rows | {"oracle": RowPredictions([], [], symmetries=[])}
-        frame = self.reader.root.read_frame(files)
-        seen = observe(frame, self.config, rng, regions=masks)
+        seen = observe(self.reader.root.read_frame(files), self.config, rng, regions=masks)
         symmetries = [true_symmetries(instance, truth) for instance in owners.instance]
         clouds = [_thinned(cloud, rng) for cloud in seen.clouds]
         models = self._true_models(clouds, seen.scene, symmetries, owners, truth)

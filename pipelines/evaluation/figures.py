@@ -111,8 +111,7 @@ def swept_quality(quality: ArrayLike) -> Array:
 
     A grasp of quality 1 - mu is found to hold at the next friction of the sweep.
     """
-    steps = np.floor(np.asarray(quality, np.float64) / SWEEP_STEP + 1e-9)
-    return np.asarray(steps * SWEEP_STEP)
+    return np.asarray(np.floor(np.asarray(quality, np.float64) / SWEEP_STEP + 1e-9) * SWEEP_STEP)
 
 
 def _mean(values: ArrayLike, counted: Mask) -> float | None:

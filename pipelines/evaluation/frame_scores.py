@@ -29,15 +29,10 @@ from pipelines.metrics.symmetry_matching import (
 
 @dataclass(frozen=True)
 class RegionOwners:
-    """Whose the predicted regions are; one entry a region, -1 for nobody's.
+    """Whose the predicted regions are; one entry a region, -1 for nobody's."""
 
-    Attributes:
-        object_id: the object that most of the region covers.
-        instance: index of the true symmetric region it overlaps most.
-    """
-
-    object_id: list[int]
-    instance: list[int]
+    object_id: list[int]  # the object that most of the region covers
+    instance: list[int]  # index of the true symmetric region it overlaps most
 
 
 @dataclass(frozen=True)
@@ -154,15 +149,12 @@ def _object_verdict(
 
 
 def _scored_slots(
-    symmetries: Sequence[SymmetrySlots],
-    owners: RegionOwners,
-    truth: FrameTruth,
-    config: EvaluateConfig,
+    slots: Sequence[SymmetrySlots], owners: RegionOwners, truth: FrameTruth, config: EvaluateConfig
 ) -> dict[str, ScoredPredictions]:
     """Return the verdicts on every slot of every region, whatever its confidence: AP ranks them."""
     predicted = [
         PredictedSymmetry(symmetry, float(region.existence[slot]), owner)
-        for region, owner in zip(symmetries, owners.instance, strict=True)
+        for region, owner in zip(slots, owners.instance, strict=True)
         for slot, symmetry in region.between(0.0)
     ]
     return {
@@ -174,8 +166,7 @@ def _scored_slots(
 def _scored_kind(
     predicted: Sequence[PredictedSymmetry], kind: str, truth: FrameTruth, config: EvaluateConfig
 ) -> ScoredPredictions:
-    sphere = kind == "sphere"
-    thresholds = (config.sphere_threshold,) if sphere else config.symmetry_thresholds
+    thresholds = (config.sphere_threshold,) if kind == "sphere" else config.symmetry_thresholds
     return ScoredPredictions(
         sum(len(scored_symmetries(region, kind)) for region in truth.regions),
         [prediction.confidence for prediction in predicted],

@@ -65,22 +65,16 @@ class RunPredictions:
 class EvaluatedRun:
     """One row of one report, frame by frame.
 
-    Attributes:
-        name: short, other than those of the runs beside it.
-        report: the content of `report.json` or `success.json`.
-        frames: name to place.
-        splits, truth: of each frame.
-        counts: how many objects (or whatever means are over) each frame has.
-        sums: by metric that is a mean, of each frame the sum over its objects; of `AP_FIGURES`
-            the frame's own.
-        predictions: by metric that is an average precision over all frames.
+    `counts`: how many objects (or whatever means are over) each frame has. `sums`: by metric that
+    is a mean, of each frame the sum over its objects; of `AP_FIGURES` the frame's own.
+    `predictions`: by metric that is an average precision over all frames.
     """
 
-    name: str
-    report: Mapping[str, Any]
-    frames: dict[str, int] = field(default_factory=dict)
-    splits: list[str] = field(default_factory=list)
-    truth: list[Truth] = field(default_factory=list)
+    name: str  # short, other than those of the runs beside it
+    report: Mapping[str, Any]  # the content of `report.json` or `success.json`
+    frames: dict[str, int] = field(default_factory=dict)  # name to place
+    splits: list[str] = field(default_factory=list)  # of each frame
+    truth: list[Truth] = field(default_factory=list)  # of each frame
     counts: "array[float]" = field(default_factory=lambda: array("d"))
     sums: dict[str, "array[float]"] = field(default_factory=dict)
     predictions: dict[str, RunPredictions] = field(default_factory=dict)

@@ -13,19 +13,12 @@ from pipelines.grasping.ranked_grasps import RankedGrasps
 
 @dataclass(frozen=True)
 class RowPredictions:
-    """One method on the regions of a frame; lists have one entry a region.
+    """One method on the regions of a frame, camera frame; lists have one entry a region."""
 
-    Attributes:
-        best: best grasp, camera frame; empty or one grasp.
-        rank_score: of the best grasp; -inf where there is none.
-        symmetries: camera frame; None for a method that predicts none.
-        every: all grasps of the frame, camera frame; None for none.
-    """
-
-    best: list[GraspPoses]
-    rank_score: list[float]
-    symmetries: list[SymmetrySlots] | None = None
-    every: "ScoredGrasps | None" = None
+    best: list[GraspPoses]  # empty or one grasp
+    rank_score: list[float]  # of the best grasp; -inf where there is none
+    symmetries: list[SymmetrySlots] | None = None  # None for a method that predicts none
+    every: "ScoredGrasps | None" = None  # all grasps of the frame; None for none
 
     @classmethod
     def from_ranked(
@@ -95,5 +88,4 @@ def _symmetries(regions: RegionTable, region: int) -> SymmetrySlots:
     known = np.isfinite(point).all(axis=1)
     known &= np.isfinite(direction).all(axis=1) | (np.arange(len(point)) == SPHERE_SLOT)
     stored = regions.symmetry_confidence[region].astype(np.float64)
-    confidence = np.where(known, np.nan_to_num(stored), 0.0)
-    return SymmetrySlots(confidence, point, direction)
+    return SymmetrySlots(np.where(known, np.nan_to_num(stored), 0.0), point, direction)

@@ -22,13 +22,10 @@ FORMAT_VERSION = 1
 class ScoredPredictions:
     """Predictions of one kind in one frame.
 
-    Attributes:
-        num_truth: how many there are to find.
-        confidence: of each prediction.
-        verdicts: of each prediction: 1 right, 0 wrong, -1 ignored; by threshold.
+    `verdicts`: by threshold, of each prediction: 1 right, 0 wrong, -1 ignored.
     """
 
-    num_truth: int
+    num_truth: int  # how many there are to find
     confidence: list[float] = field(default_factory=list)
     verdicts: dict[str, list[int]] = field(default_factory=dict)
 
@@ -37,14 +34,11 @@ class ScoredPredictions:
 class RowRecord:
     """One method on one frame.
 
-    Attributes:
-        verdicts: one for every visible object.
-        symmetries: by kind; empty for a method that predicts none.
-        accuracy: by GraspNet's protocol, at each of `AP_FRICTIONS`, the mean over ranks; empty in
-            records of before.
+    `symmetries`: by kind; empty for a method that predicts none. `accuracy`: by GraspNet's
+    protocol, at each of `AP_FRICTIONS`, the mean over ranks; empty in records of before.
     """
 
-    verdicts: list[Verdict]
+    verdicts: list[Verdict]  # one for every visible object
     symmetries: dict[str, ScoredPredictions] = field(default_factory=dict)
     accuracy: list[float] = field(default_factory=list)
 
@@ -97,8 +91,7 @@ def read_frame_records(path: Path) -> list[FrameRecord]:
 def _record(entry: Mapping[str, Any]) -> FrameRecord:
     """Return a record of `write_frame_records`: null is nan seconds, and no friction that holds."""
     seconds = math.nan if entry["seconds"] is None else entry["seconds"]
-    verdicts = [verdict for row in entry["rows"].values() for verdict in row["verdicts"]]
-    for verdict in verdicts:
+    for verdict in [verdict for row in entry["rows"].values() for verdict in row["verdicts"]]:
         if verdict["min_friction"] is None:
             verdict["min_friction"] = math.inf
     found: FrameRecord = typed(FrameRecord, {**entry, "seconds": seconds})

@@ -31,13 +31,11 @@ def write_report_files(
     failed: Mapping[str, str],
     tables: Sequence[Mapping[str, Any]],
 ) -> dict[str, str]:
-    """Write `output` and the page beside it from the records of scenes, one scene in memory.
+    """Write `output` and the page beside it; return what could not be drawn: frame to sentence.
 
-    `stamp`: how the records were made of `runs`. `success`: a row's `success.json`, by row.
-    `failed`: scenes that could not be evaluated and are left out, to why. `tables`: further ones.
-
-    Returns:
-        What could not be drawn: frame to sentence.
+    `scenes`: the records of each, one in memory. `stamp`: how they were made of `runs`. `success`:
+    a row's `success.json`, by row. `failed`: scenes that could not be evaluated and are left out,
+    to why. `tables`: further ones.
     """
     thresholds, sphere = config.symmetry_thresholds, config.sphere_threshold
     tally, choices = ReportTally(), {row: FrameChoice(row) for row in runs.paths}
@@ -70,8 +68,7 @@ def _add_success(
 ) -> dict[str, Any]:
     """Put the rates of success at TABLE_FRICTION beside the figures of the same row and split.
 
-    Returns:
-        The rates at all frictions, as entries of the report.
+    Return the rates at all frictions, as entries of the report.
     """
     ours = success.get(OURS, {})
     others = dict(ours.get("baselines", {}))

@@ -30,19 +30,14 @@ NO_SUCCESS = (
 
 @dataclass(frozen=True)
 class Table:
-    """A title, column heads, and rows of text; a line below that says what is meant.
-
-    Attributes:
-        published: how many of the first rows are from the paper.
-        names: how many of the first columns are names, not numbers.
-    """
+    """A title, column heads, and rows of text; a line below that says what is meant."""
 
     title: str
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     note: str = ""
-    published: int = 0
-    names: int = 1
+    published: int = 0  # how many of the first rows are from the paper
+    names: int = 1  # how many of the first columns are names, not numbers
 
 
 def report_tables(report: Mapping[str, Any]) -> list[Table]:
@@ -194,8 +189,7 @@ def symmetry_table(rows: ReportRows) -> Table:
         "sphere's centre within 5 cm; the last rows at stricter errors."
     )
     header = ("method", "split", *SYMMETRY_KINDS)
-    title = "Symmetry, average precision"
-    return Table(title, header, tuple(body), note, len(paper), names=2)
+    return Table("Symmetry, average precision", header, tuple(body), note, len(paper), names=2)
 
 
 def graspnet_table(rows: ReportRows) -> Table | None:

@@ -50,14 +50,9 @@ class PredictionTally:
 class RowTally:
     """One method on many frames; the arrays have one entry a visible object and frame.
 
-    Attributes:
-        frames: how many.
-        quality, antipodal, antipodal_region: of the verdicts.
-        held_friction: smallest friction that holds; inf where the grasp fails for any reason.
-        predicted: 1 where there was a grasp to evaluate.
-        reasons: how often each.
-        symmetries: by kind.
-        accuracy: (6,) sums over `with_accuracy` frames by `AP_FRICTIONS`, by GraspNet's protocol.
+    `held_friction`: smallest friction that holds; inf where the grasp fails for any reason.
+    `predicted`: 1 where there was a grasp to evaluate. `symmetries`: by kind. `accuracy`: (6,) sums
+    over `with_accuracy` frames by `AP_FRICTIONS`, by GraspNet's protocol.
     """
 
     frames: int = 0

@@ -29,23 +29,14 @@ MIN_ERROR_POINTS = 20  # fewer do not span a region
 
 @dataclass(frozen=True)
 class FrameTruth:
-    """What is true of one frame.
+    """What is true of one frame."""
 
-    Attributes:
-        split: seen, similar, novel or train.
-        label: (H, W) object id + 1, 0 = background.
-        visible: ids of the objects that count, ascending.
-        scene: meshes, poses, table, surroundings.
-        instances: symmetric regions that are visible, with their masks.
-        regions: the same, as the symmetry metrics want them.
-    """
-
-    split: str
-    label: NDArray[np.uint8 | np.uint16]
-    visible: list[int]
-    scene: TrueScene
-    instances: list[RegionInstance]
-    regions: list[TrueRegion]
+    split: str  # seen, similar, novel or train
+    label: NDArray[np.uint8 | np.uint16]  # (H, W) object id + 1, 0 = background
+    visible: list[int]  # ids of the objects that count, ascending
+    scene: TrueScene  # meshes, poses, table, surroundings
+    instances: list[RegionInstance]  # symmetric regions that are visible, with their masks
+    regions: list[TrueRegion]  # the same, as the symmetry metrics want them
 
 
 @dataclass
@@ -73,8 +64,7 @@ class TruthReader:
             TrueRegion(region_points(instance, scene, intrinsics), tuple(instance.symmetries))
             for instance in instances
         ]
-        split = split_of_scene(files.scene_id)
-        return FrameTruth(split, label, visible, scene, instances, regions)
+        return FrameTruth(split_of_scene(files.scene_id), label, visible, scene, instances, regions)
 
     def object(self, object_id: int) -> TrueObject:
         """Return an object's mesh, surface points and collider."""

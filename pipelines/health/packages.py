@@ -10,6 +10,7 @@ from itertools import groupby
 from pathlib import Path
 
 from packaging import requirements
+from packaging.utils import canonicalize_name
 from packaging.version import Version
 
 from pipelines.health.checks import Check, Status
@@ -56,12 +57,8 @@ def required() -> list[Requirement]:
 
 def python_check() -> Check:
     """Say which Python runs on what."""
-    system = f"{platform.system()} {platform.machine()}"
-    return Check(
-        "python",
-        Status.OK,
-        f"{platform.python_version()}, {platform.python_implementation()}, {system}",
-    )
+    where = f"{platform.python_implementation()}, {platform.system()} {platform.machine()}"
+    return Check("python", Status.OK, f"{platform.python_version()}, {where}")
 
 
 def project_check() -> Check:
@@ -81,8 +78,7 @@ def package_check(needed: Requirement) -> Check:
     if version is None:
         return Check(needed.name, Status.FAIL, f"not installed; {install}")
     if Version(version) < Version(needed.least):
-        old = f"{version} is older than {needed.least}; {install}"
-        return Check(needed.name, Status.FAIL, old)
+        return Check(needed.name, Status.FAIL, f"{version} is older than {needed.least}; {install}")
     for module in _modules(needed.name):
         try:
             import_module(module)
@@ -114,19 +110,16 @@ def _modules_of_packages() -> dict[str, list[str]]:
     found: dict[str, list[str]] = {}
     for module, packages in metadata.packages_distributions().items():
         for package in packages:
-            found.setdefault(_plain(package), []).append(module)
+            found.setdefault(canonicalize_name(package), []).append(module)
     return found
 
 
 def _modules(package: str) -> list[str]:
     """Return the modules to load of a package: its namesake, else all that are public."""
-    modules = _modules_of_packages().get(_plain(package), [])
-    namesake = [module for module in modules if _plain(module) == _plain(package)]
+    name = canonicalize_name(package)
+    modules = _modules_of_packages().get(name, [])
+    namesake = [module for module in modules if canonicalize_name(module) == name]
     return namesake or sorted(module for module in modules if not module.startswith("_"))
-
-
-def _plain(name: str) -> str:
-    return re.sub(r"[-_.]+", "-", name).lower()
 
 
 def foreign_torchvision(error: Exception) -> str | None:

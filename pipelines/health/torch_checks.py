@@ -44,8 +44,7 @@ def gpu_checks(max_error: float) -> Iterator[Check]:
     drivers = _smi("driver_version") or ["unknown"]
     for number in range(torch.cuda.device_count()):
         device = f"cuda:{number}"
-        product = partial(product_check, device, drivers[0], max_error)
-        yield looked_at(f"gpu {number}", product)
+        yield looked_at(f"gpu {number}", partial(product_check, device, drivers[0], max_error))
         yield looked_at(f"operators {device}", partial(operator_check, device))
 
 

@@ -18,32 +18,23 @@ MIN_REGION_POINTS = 10
 
 def contact_pair_score(contacts: Contacts) -> Array:
     """Return (n,) `|cos a_1 cos a_2|` of the contacts; 0 where fingers do not touch."""
-    product = np.abs(np.prod(contacts.cosines, axis=1))
-    return np.where(contacts.found, product, 0.0)
+    return np.where(contacts.found, np.abs(np.prod(contacts.cosines, axis=1)), 0.0)
 
 
 def closing_region_score(
-    points: Array,
-    normals: Array,
-    grasps: GraspPoses,
-    gripper: Gripper,
-    foreign_points: Array | None = None,
+    points: Array, normals: Array, grasps: GraspPoses, gripper: Gripper, foreign_points: Array
 ) -> Array:
-    """Return (n,) the score of the surface between the open fingers.
+    """Return (n,) the score of the surface between the open fingers of n `grasps`.
 
-    Args:
-        points: (m, 3) metres, on the object's whole surface, in the frame of the grasps.
-        normals: (m, 3) unit.
-        grasps: n grasps.
-        gripper: gives the region between the open fingers.
-        foreign_points: (k, 3) on other objects; a region that holds one scores 0.
+    `points`: (m, 3) metres, on the object's whole surface, in the frame of the grasps. `normals`:
+    (m, 3) unit. `foreign_points`: (k, 3) on other objects; a region that holds one scores 0.
     """
     inner = _closing_regions(grasps, gripper)
-    foreign = np.zeros((0, 3)) if foreign_points is None else foreign_points
+
     scores = np.zeros(len(grasps))
     for i in range(len(grasps)):
         rotation, origin = grasps.rotation[i], grasps.translation[i]
-        if _within((foreign - origin) @ rotation, inner[i]).any():
+        if _within((foreign_points - origin) @ rotation, inner[i]).any():
             continue
         local = (points - origin) @ rotation
         inside = _within(local, inner[i])

@@ -15,9 +15,8 @@ from pipelines.array_types import Array
 def match_greedy(confidence: ArrayLike, misfit: ArrayLike) -> NDArray[np.int64]:
     """Return (p,) the truth each prediction takes, -1 for none.
 
-    Args:
-        confidence: (p,) of the predictions; equal ones go in the given order.
-        misfit: (p, t), lower is better, inf where the pair is no match.
+    `confidence`: (p,) of the predictions; equal ones go in the given order. `misfit`: (p, t), lower
+    is better, inf where the pair is no match.
     """
     costs = np.array(misfit, np.float64)
     taken = np.full(len(costs), -1, np.int64)

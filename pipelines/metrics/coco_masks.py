@@ -44,10 +44,7 @@ def match_masks(masks: Sequence[Mask], confidence: Sequence[float], truth: Seque
 def coco_average_precision(confidence: ArrayLike, correct: ArrayLike, num_truth: int) -> Array:
     """Return (k,) COCO's average precision at each of k thresholds; nan without any truth.
 
-    Args:
-        confidence: (p,) of the predictions of all images.
-        correct: (k, p) whether each is right.
-        num_truth: of all images.
+    `confidence`: (p,) of the predictions of all images. `correct`: (k, p) whether each is right.
     """
     right = np.atleast_2d(np.asarray(correct, np.bool_))
     if num_truth == 0:

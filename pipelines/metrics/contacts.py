@@ -21,17 +21,11 @@ TRAVEL_SLACK = 1e-9  # metres; a surface exactly at the midpoint is still reache
 
 @dataclass(frozen=True)
 class Contacts:
-    """Contact pairs of any number of grasps, in the frame of the grasps.
+    """Contact pairs of any number of grasps, in the frame of the grasps; nan without contact."""
 
-    Attributes:
-        points: (n, 2, 3) metres; first the finger that starts at -closing; nan without contact.
-        normals: (n, 2, 3) unit, pointing out of the object; nan without contact.
-        found: (n,) whether both fingers touch the object.
-    """
-
-    points: Array
-    normals: Array
-    found: Mask
+    points: Array  # (n, 2, 3) metres; first the finger that starts at -closing
+    normals: Array  # (n, 2, 3) unit, pointing out of the object
+    found: Mask  # (n,) whether both fingers touch the object
 
     @property
     def cosines(self) -> Array:

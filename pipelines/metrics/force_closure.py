@@ -38,8 +38,7 @@ def friction_of_cosine(cosine: Array) -> Array:
 def on_grid(friction: ArrayLike, grid: Sequence[float] = FRICTION_GRID) -> Array:
     """Return the smallest value of `grid` that is at least `friction` (n,); inf where none."""
     steps = np.append(np.sort(np.asarray(grid, np.float64)), np.inf)
-    index = np.searchsorted(steps[:-1], np.asarray(friction, np.float64))
-    return np.asarray(steps[index])
+    return np.asarray(steps[np.searchsorted(steps[:-1], np.asarray(friction, np.float64))])
 
 
 def quality(friction: ArrayLike, failed: ArrayLike = False) -> Array:

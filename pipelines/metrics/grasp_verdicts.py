@@ -49,19 +49,12 @@ class TrueObject:
 
 @dataclass(frozen=True)
 class TrueScene:
-    """All objects of a frame with their poses, the table under them and what stands around.
+    """All objects of a frame with their poses, the table under them and what stands around."""
 
-    Attributes:
-        objects: by object id.
-        poses: `T_cam_obj` (4, 4) by object id.
-        T_table_cam: (4, 4); the table's top is z = 0, z up.
-        surroundings: walls, bins and the like, table frame.
-    """
-
-    objects: Mapping[int, TrueObject]
-    poses: Mapping[int, Array]
-    T_table_cam: Array
-    surroundings: Sequence[MeshCollider] = ()
+    objects: Mapping[int, TrueObject]  # by object id
+    poses: Mapping[int, Array]  # `T_cam_obj` (4, 4) by object id
+    T_table_cam: Array  # (4, 4); the table's top is z = 0, z up
+    surroundings: Sequence[MeshCollider] = ()  # walls, bins and the like, table frame
 
     def accuracy(self, grasps: GraspPoses, score: Array, gripper: Gripper) -> Array:
         """Return the accuracy (50, 6) of a frame's `grasps` by GraspNet's protocol, exactly.
@@ -140,8 +133,7 @@ class _Outcomes:
 
 def _outcomes(scene: TrueScene, object_id: int, grasps: GraspPoses, gripper: Gripper) -> _Outcomes:
     local = grasps.transformed(invert(scene.poses[object_id]))
-    mesh = scene.objects[object_id].mesh
-    contacts = close_fingers(mesh, local, gripper.opening(local.width))
+    contacts = close_fingers(scene.objects[object_id].mesh, local, gripper.opening(local.width))
     return _Outcomes(
         contacts,
         min_friction(contacts),
@@ -161,8 +153,7 @@ def collides(scene: TrueScene, grasps: GraspPoses, gripper: Gripper) -> Mask:
         for solid in scene.surroundings:
             hit |= solid.hits(on_table, gripper)
     for object_id, pose in scene.poses.items():
-        collider = scene.objects[object_id].collider
-        hit |= collider.hits(grasps.transformed(invert(pose)), gripper)
+        hit |= scene.objects[object_id].collider.hits(grasps.transformed(invert(pose)), gripper)
     return hit
 
 

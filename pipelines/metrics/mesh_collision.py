@@ -55,8 +55,7 @@ class MeshCollider:
     def _contains(self, points: Array) -> Mask:
         if len(points) == 0:
             return np.zeros(0, np.bool_)
-        direction = np.broadcast_to([0.0, 0.0, 1.0], points.shape)
-        _, triangle = first_hits(self.mesh, points, direction)
+        _, triangle = first_hits(self.mesh, points, np.broadcast_to([0.0, 0.0, 1.0], points.shape))
         leaves = self.mesh.face_normals[np.maximum(triangle, 0), 2] > 0.0
         return np.asarray((triangle >= 0) & leaves)
 

@@ -37,21 +37,13 @@ class FrameMeans:
 
 @dataclass(frozen=True)
 class FramePrecision:
-    """An average precision: p predictions of f frames, the most confident first.
+    """An average precision: p predictions of f frames, the most confident first."""
 
-    Attributes:
-        correct: (p,) 1 right, 0 wrong.
-        frame: (p,) index of each one's frame.
-        num_truth: (f,) how many there are to find.
-        last: (p,) the place of the last one that is counted with it; with COCO each its own.
-        coco: COCO's mean over 101 recalls, not the area under all points.
-    """
-
-    correct: Array
-    frame: NDArray[np.int64]
-    num_truth: Array
-    last: NDArray[np.int64]
-    coco: bool = False
+    correct: Array  # (p,) 1 right, 0 wrong
+    frame: NDArray[np.int64]  # (p,) index of each one's frame
+    num_truth: Array  # (f,) how many there are to find
+    last: NDArray[np.int64]  # (p,) place of the last that is counted with it; with COCO its own
+    coco: bool = False  # COCO's mean over 101 recalls, not the area under all points
 
     @classmethod
     def ranked(
@@ -130,15 +122,11 @@ def differences(
 ) -> tuple[list[float], list[Difference]]:
     """Return each run's figure on all frames, and the differences of all but the first to it.
 
-    Args:
-        figures: of the runs, over the same frames in the same order.
-        group: (f,) index of what each frame is drawn with: itself, or its scene; 0, 1, ...
-        resamples: how many draws; the same seed draws the same frames.
-        level: share of the draws inside the interval.
-        seed: of the draws.
+    `figures`: over the same frames in the same order. `group`: (f,) index of what each frame is
+    drawn with: itself, or its scene; 0, 1, ... `level`: share of the `resamples` draws inside the
+    interval. The same `seed` draws the same frames.
     """
-    everything = np.ones((1, len(group)))
-    values = [float(figure.at(everything)[0]) for figure in figures]
+    values = [float(figure.at(np.ones((1, len(group))))[0]) for figure in figures]
     units = int(group.max(initial=-1)) + 1
     if units < 2:  # one alone does not show how far it varies
         return values, [Difference(v - values[0], np.nan, np.nan, units) for v in values[1:]]

@@ -66,8 +66,11 @@ def symmetry_verdicts(
         return np.zeros(0, np.int64)
     kind = predictions[0].symmetry.kind
     truths = [(i, s) for i, region in enumerate(regions) for s in scored_symmetries(region, kind)]
-    misfit = np.array([[_misfit(p, truth, regions) for truth in truths] for p in predictions])
-    misfit = misfit.reshape(len(predictions), len(truths))
+    misfit = np.full((len(predictions), len(truths)), np.inf)
+    for row, each in zip(misfit, predictions, strict=True):
+        for place, (region, truth) in enumerate(truths):
+            if region == each.region:
+                row[place] = symmetry_error(regions[region].points, each.symmetry, truth)
     matched = match_greedy(
         [p.confidence for p in predictions], np.where(misfit <= threshold, misfit, np.inf)
     )
@@ -77,14 +80,6 @@ def symmetry_verdicts(
         if region >= 0 and _follows(predictions[i].symmetry, regions[region], threshold):
             verdicts[i] = IGNORED
     return verdicts
-
-
-def _misfit(
-    prediction: PredictedSymmetry, truth: tuple[int, Symmetry], regions: Sequence[TrueRegion]
-) -> float:
-    if prediction.region != truth[0]:
-        return float("inf")
-    return symmetry_error(regions[truth[0]].points, prediction.symmetry, truth[1])
 
 
 def _follows(predicted: Symmetry, region: TrueRegion, threshold: float) -> bool:

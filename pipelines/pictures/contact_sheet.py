@@ -116,8 +116,7 @@ def facts(labels: ObjectSymmetries) -> str:
 def _caption(tile: Tile, rank: int, width: int) -> ColorImage:
     strip = np.full((CAPTION * FINE, width * FINE, 3), 255, np.uint8)
     color = _doubt_color(tile.doubt)
-    known = tile.labels.doubt is not None
-    right = f"doubt {tile.doubt:.2f}" if known else "doubt ?"
+    right = "doubt ?" if tile.labels.doubt is None else f"doubt {tile.doubt:.2f}"
     room = width - 90
     _write(strip, f"{rank}. {tile.name}", (6, 17), 0.46, INK, room=room, bold=True)
     _write(strip, right, (width - 82, 17), 0.4, color, room=82)

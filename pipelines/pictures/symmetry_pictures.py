@@ -97,8 +97,9 @@ def marks_of(mesh: Mesh, labels: ObjectSymmetries) -> list[Mark]:
         is_whole = len(region.triangles) == len(mesh.faces)
         if not len(region.triangles) or (is_whole and labels.symmetries):
             continue
-        part, tint = mesh.submesh(region.triangles), _dark(REGIONS[index % len(REGIONS)])
-        marks += [Mark(symmetry, part, tint) for symmetry in region.symmetries]
+        part, light = mesh.submesh(region.triangles), REGIONS[index % len(REGIONS)]
+        r, g, b = (int(0.55 * channel) for channel in light)
+        marks += [Mark(symmetry, part, (r, g, b)) for symmetry in region.symmetries]
     if not marks and labels.rejected:
         marks.append(Mark(labels.rejected[0], mesh, REJECTED, dashed=True))
     return marks
@@ -116,11 +117,7 @@ def triangle_colors(mesh: Mesh, labels: ObjectSymmetries) -> ColorImage:
 
 
 def _draw_view(
-    scene: Scene,
-    mesh: Mesh,
-    T_mesh_cam: Array,
-    marks: Sequence[Mark],
-    colors: ColorImage,
+    scene: Scene, mesh: Mesh, T_mesh_cam: Array, marks: Sequence[Mark], colors: ColorImage
 ) -> ColorImage:
     lens = camera(FINE * VIEW)
     hits = cast_view(scene, lens, T_mesh_cam)
@@ -162,8 +159,7 @@ def _draw_plane(view: _View, mark: Mark, plane: ReflectionSymmetry) -> None:
     if abs(moved.normal[2]) < FLAT_COSINE:
         _tint(view.picture, front, mark.color, 0.0 if mark.dashed else SHEET_OPACITY)
         _tint(view.picture, _cut(view, moved), mark.color, 0.5 if mark.dashed else 0.9)
-    outline = np.concatenate([corners, corners[:1]])
-    for start, end in pairwise(outline):
+    for start, end in pairwise([*corners, corners[0]]):
         _line(view, start, end, mark.color, 2, dashed=mark.dashed)
     if mark.number is not None:
         pixels = view.lens.project(corners)
@@ -196,14 +192,12 @@ def _sheet(extent: Mesh, plane: ReflectionSymmetry) -> Array:
     low, high = across.min(axis=0), across.max(axis=0)
     center, half = 0.5 * (low + high), 0.5 * OVERHANG * (high - low)
     half = np.maximum(half, 0.1 * half.max())
-    signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    place = center + signs * half
+    place = center + np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
     return np.asarray(middle + place[:, :1] * u + place[:, 1:] * v)
 
 
 def _draw_axis(view: _View, mark: Mark, axis: RotationSymmetry) -> None:
-    used = mark.extent.vertices[np.unique(mark.extent.faces)]
-    along = (used - axis.point) @ axis.axis
+    along = (mark.extent.vertices[np.unique(mark.extent.faces)] - axis.point) @ axis.axis
     middle, half = 0.5 * (along.min() + along.max()), 0.5 * np.ptp(along)
     reach = max(half * OVERHANG + 0.06 * view.size, 0.1 * view.size)
     ends = axis.point + (middle + np.array([[-reach], [reach]])) * axis.axis
@@ -232,8 +226,7 @@ def _line(
     view: _View, start: Array, end: Array, color: Color, width: int, *, dashed: bool = False
 ) -> None:
     """Draw the line between two points (3,), camera frame; fainter where the object hides it."""
-    share = np.linspace(0.0, 1.0, NUM_STEPS + 1)[:, None]
-    points = start + share * (end - start)
+    points = start + np.linspace(0.0, 1.0, NUM_STEPS + 1)[:, None] * (end - start)
     pixels = view.lens.project(points)
     column, row = np.rint(pixels).astype(int).T.clip(0, view.lens.width - 1)
     surface = view.hits.depth[row, column]
@@ -273,8 +266,3 @@ def _label(picture: ColorImage, text: str, pixel: Array, color: Color) -> None:
 def _fixed(pixel: Array) -> tuple[int, int]:
     x, y = np.rint(np.clip(pixel, -1e4, 1e4) * 8).astype(int)
     return int(x), int(y)
-
-
-def _dark(color: Color) -> Color:
-    r, g, b = (int(0.55 * channel) for channel in color)
-    return r, g, b

@@ -27,22 +27,16 @@ CHOSEN = 0  # for `workers`
 class BatchOptions:
     """How a batch is run; none of these changes what is written.
 
-    Attributes:
-        workers: processes at a time; 1 runs in this process, unless `backend` is a cluster;
-            `CHOSEN` leaves it to the stage, and is 1 to those that do not choose.
-        backend: `loky`, or `dask` or `ray` where these are installed.
-        overwrite: make outputs again that exist.
-        dry_run: say what would be done, do nothing.
-        most_chosen: processes that a stage takes at most where it chooses.
-        progress: show on stderr how much is done: a bar, or lines where it is no terminal.
+    `workers`: processes at a time; 1 runs in this process, unless `backend` is a cluster; `CHOSEN`
+    leaves it to the stage, and is 1 to those that do not choose.
     """
 
     workers: int = 1
-    backend: str = "loky"
-    overwrite: bool = False
-    dry_run: bool = False
-    progress: bool = True
-    most_chosen: int = 2
+    backend: str = "loky"  # or `dask` or `ray` where these are installed
+    overwrite: bool = False  # make outputs again that exist
+    dry_run: bool = False  # say what would be done, do nothing
+    progress: bool = True  # show on stderr how much is done: a bar, or lines if no terminal
+    most_chosen: int = 2  # processes that a stage takes at most where it chooses
 
     @property
     def is_here(self) -> bool:

@@ -21,13 +21,14 @@ from tests.metrics.shapes import ball, box, gripper, random_grasps, surface
 few = settings(max_examples=10, deadline=None)
 seeds = st.integers(0, 2**32 - 1)
 CENTRED = GraspPoses(np.eye(3), np.zeros(3), np.array(0.04))
+ALONE = np.zeros((0, 3))  # points of other objects
 
 
 def test_a_centred_grasp_of_a_box_scores_one_in_both():
     mesh = box(0.2, 0.04, 0.2)
     points, normals = surface(mesh)
     assert contact_pair_score(close_fingers(mesh, CENTRED, 0.06)) == pytest.approx(1.0)
-    assert closing_region_score(points, normals, CENTRED, gripper()) == pytest.approx(1.0)
+    assert closing_region_score(points, normals, CENTRED, gripper(), ALONE) == pytest.approx(1.0)
 
 
 def test_a_tilted_grasp_scores_the_squared_cosine_in_both():
@@ -39,7 +40,7 @@ def test_a_tilted_grasp_scores_the_squared_cosine_in_both():
     mesh = box(0.3, 0.04, 0.2)
     points, normals = surface(mesh)
     assert_allclose(contact_pair_score(close_fingers(mesh, tilted, 0.1)), np.cos(angle) ** 2)
-    region = closing_region_score(points, normals, tilted, gripper())
+    region = closing_region_score(points, normals, tilted, gripper(), ALONE)
     assert_allclose(region, np.cos(angle) ** 2, atol=1e-9)
 
 
@@ -47,7 +48,7 @@ def test_a_grasp_of_nothing_scores_zero():
     away = GraspPoses(np.eye(3), np.array([0.5, 0, 0]), np.array(0.04))
     points, normals = surface(ball(0.03))
     assert contact_pair_score(close_fingers(ball(0.03), away, 0.06)).tolist() == [0.0]
-    assert closing_region_score(points, normals, away, gripper()).tolist() == [0.0]
+    assert closing_region_score(points, normals, away, gripper(), ALONE).tolist() == [0.0]
 
 
 def test_another_object_between_the_fingers_scores_zero():
@@ -72,8 +73,12 @@ def test_the_region_score_does_not_depend_on_the_frame(seed):
     T = make_pose(random_rotation(rng), rng.normal(size=3))
     grasps = random_grasps(rng, 10, spread=0.02)
     points, normals = surface(ball(0.03))
-    here = closing_region_score(points, normals, grasps, gripper())
+    here = closing_region_score(points, normals, grasps, gripper(), ALONE)
     there = closing_region_score(
-        transform_points(T, points), rotate_vectors(T, normals), grasps.transformed(T), gripper()
+        transform_points(T, points),
+        rotate_vectors(T, normals),
+        grasps.transformed(T),
+        gripper(),
+        ALONE,
     )
     assert_allclose(there, here, atol=1e-6)

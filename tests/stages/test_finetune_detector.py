@@ -205,7 +205,7 @@ def test_it_learns_from_several_roots(root, tmp_path):
     files = [sorted(finetune_detector.frames_folder(path, each).glob("*.h5")) for each in roots]
     assert [file.name for file in files[0]] == [file.name for file in files[1]]
     scenes = [f"{file.parent.name}/{file.stem}" for each in files for file in each]
-    frames = finetune_detector.frames_of(roots, path, scenes, SHORT, 0)
+    frames = finetune_detector.frames_of(roots, path, scenes, SHORT.val_fraction, 0)
     for keys in frames.train, frames.val:
         assert {file.parent.name for file, _ in keys} == {root.root.name, "other"}
     assert not set(frames.train) & set(frames.val)

@@ -20,33 +20,20 @@ NONE = np.zeros(0)
 
 @dataclass(frozen=True)
 class FrameVerdicts:
-    """What became of one frame of a dump.
+    """What became of one frame of a dump, and of each of its k ranked grasps."""
 
-    Attributes:
-        frame_id: of the dataset.
-        status: one of `DUMP_STATUSES`.
-        message: what is wrong with the frame's file, or with its rows; empty if nothing is.
-        rows: number in the file.
-        left_out: of these, that are no grasps.
-        straightened: of these, whose rotations were made exact.
-        accuracy: (50, 6).
-        row, object_id: (k,) of each ranked grasp: its row in the file, its object.
-        confidence, friction: (k,) of each ranked grasp; the friction is -1 if it does not hold.
-        reason: (k,) index of `metrics.graspnet_frames.REASONS`.
-    """
-
-    frame_id: int
-    status: str
-    message: str
-    rows: int
-    left_out: int
-    straightened: int
-    accuracy: Array
-    row: NDArray[np.generic] = field(default_factory=lambda: NONE)
-    object_id: NDArray[np.generic] = field(default_factory=lambda: NONE)
-    confidence: NDArray[np.generic] = field(default_factory=lambda: NONE)
-    friction: NDArray[np.generic] = field(default_factory=lambda: NONE)
-    reason: NDArray[np.generic] = field(default_factory=lambda: NONE)
+    frame_id: int  # of the dataset
+    status: str  # one of `DUMP_STATUSES`
+    message: str  # what is wrong with the frame's file, or with its rows; empty if nothing is
+    rows: int  # number in the file
+    left_out: int  # of these, that are no grasps
+    straightened: int  # of these, whose rotations were made exact
+    accuracy: Array  # (50, 6)
+    row: NDArray[np.generic] = field(default_factory=lambda: NONE)  # (k,) in the file
+    object_id: NDArray[np.generic] = field(default_factory=lambda: NONE)  # (k,)
+    confidence: NDArray[np.generic] = field(default_factory=lambda: NONE)  # (k,)
+    friction: NDArray[np.generic] = field(default_factory=lambda: NONE)  # (k,) -1 if none holds
+    reason: NDArray[np.generic] = field(default_factory=lambda: NONE)  # (k,) of `DUMP_REASONS`
 
 
 def scenes_folder(report: Path) -> Path:

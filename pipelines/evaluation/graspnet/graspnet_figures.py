@@ -100,8 +100,7 @@ class DumpTally:
         self, name: str, camera: str, scene_id: int, verdicts: Mapping[str, NDArray[Any]]
     ) -> None:
         """Add the verdicts on one scene, as `formats.dump_verdicts` reads them."""
-        fresh = {split: DumpTotals() for split in (*SPLITS, ALL)}
-        splits = self.totals.setdefault(camera, fresh)
+        splits = self.totals.setdefault(camera, {split: DumpTotals() for split in (*SPLITS, ALL)})
         own, total = [split for split in SPLITS if scene_id % BLOCK in SPLITS[split]], DumpTotals()
         for each in (total, *(splits[split] for split in (*own, ALL))):
             each.add(verdicts)

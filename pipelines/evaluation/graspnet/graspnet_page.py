@@ -38,7 +38,12 @@ def dump_page(report: Mapping[str, Any], name: str, faults: Mapping[str, str]) -
         precision=precision,
         faults=[f"{scene}: {sentence}" for scene, sentence in faults.items()],
         charts=list(_charts(report["accuracy"])),
-        bars=_bars(report["rows"]),
+        bars=[
+            (f"{camera}, {split}", figures["reasons"])
+            for camera, splits in report["rows"].items()
+            for split, figures in splits.items()
+            if figures["reasons"]
+        ],
         fates=fates,
         colors=COLORS,
         words=WORDS,
@@ -60,15 +65,6 @@ def _tiles(rows: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str, str]]:
             (f"{found['frames']:,}", "frames", f"{found['frames_absent']:,} absent"),
         ]
     return tiles
-
-
-def _bars(rows: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, Mapping[str, int]]]:
-    return [
-        (f"{camera}, {split}", figures["reasons"])
-        for camera, splits in rows.items()
-        for split, figures in splits.items()
-        if figures["reasons"]
-    ]
 
 
 def _charts(accuracy: Mapping[str, Mapping[str, Any]]) -> Iterator[LineChart]:

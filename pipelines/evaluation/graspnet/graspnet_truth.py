@@ -1,4 +1,4 @@
-"""The objects, poses and table of a GraspNet scene, as its protocol wants them."""
+"""The objects, poses and table of a GraspNet scene, as its protocol wants them, and digests."""
 
 import functools
 from dataclasses import dataclass
@@ -12,9 +12,10 @@ from pipelines.dataset.graspnet.graspnet_layout import FrameFiles, SceneFiles
 from pipelines.dataset.graspnet.signed_distance import as_stored, read_sdf
 from pipelines.dataset.meshes import read_mesh, read_solid_mesh, read_vertices
 from pipelines.errors import FormatError
-from pipelines.frames.graspnet_scene import ObjectPose, read_annotation_xml
+from pipelines.frames.graspnet_scene import ObjectPose, annotated_ids, read_annotation_xml
 from pipelines.geometry.meshes.mesh import sample_surface
 from pipelines.geometry.numerics.single_precision import single_precision_grid
+from pipelines.grasp_files.exports.graspnet_dump import DumpedScene
 from pipelines.metrics.graspnet.graspnet_frames import (
     ExactScene,
     GridObject,
@@ -23,7 +24,7 @@ from pipelines.metrics.graspnet.graspnet_frames import (
 )
 from pipelines.metrics.graspnet.peer_collision import NUM_CLOUD_SAMPLES, VOXEL, voxel_means
 from pipelines.metrics.mesh_collision import MeshCollider
-from pipelines.storage.provenance import FileVersion
+from pipelines.storage.provenance import FileVersion, digest_folder, digest_if_there, digest_text
 
 KEPT_OBJECTS = 28  # in memory, a grid of 8 MB each; GraspNet-1Billion's splits have no more
 
@@ -120,3 +121,37 @@ def _surface(root: GraspNetRoot, object_id: int) -> Path:
     """Return the mesh that grids are made of, or the one that every root has."""
     textured = root.textured_path(object_id, ".obj")
     return textured if textured.is_file() else root.model_path(object_id)
+
+
+class InputDigests:
+    """Digests of all that decides the verdicts on a scene; each mesh is read once."""
+
+    def __init__(self, root: GraspNetRoot, *, exact: bool) -> None:
+        self._root, self._exact = root, exact
+        self._digest = functools.cache(digest_if_there)
+
+    def of(self, dumped: DumpedScene) -> dict[str, str]:
+        """Return digests of a scene's dump, poses and meshes; what is absent counts as absent."""
+        files = SceneFiles(self._root.scene_folder(dumped.scene_id), dumped.scene_id, dumped.camera)
+        return {
+            "dump": digest_folder(dumped.folder, "*.npy"),
+            "poses": self._poses(files),
+            "meshes": self._meshes(files),
+        }
+
+    def _poses(self, files: SceneFiles) -> str:
+        kinds = {"annotations": "*.xml"} | ({"meta": "*.mat"} if self._exact else {})
+        parts = [digest_folder(files.camera_folder / kind, glob) for kind, glob in kinds.items()]
+        cameras = ("camera_poses.npy", "cam0_wrt_table.npy")
+        parts += [self._digest(files.camera_folder / name) for name in cameras]
+        around = files.surroundings_path
+        parts += [self._digest(around)] if around.is_file() else []
+        return digest_text("".join(parts))
+
+    def _meshes(self, files: SceneFiles) -> str:
+        paths = [
+            path
+            for object_id in annotated_ids(files.camera_folder / "annotations")
+            for path in object_files(self._root, object_id, exact=self._exact)
+        ]
+        return digest_text("".join(f"{path.name} {self._digest(path)}\n" for path in paths))

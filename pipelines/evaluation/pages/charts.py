@@ -36,8 +36,7 @@ class LineChart:
 
     def points(self, line: Series) -> list[tuple[float, float]]:
         """Return the pixels of a line's points."""
-        pairs = zip(line.x, line.y, strict=True)
-        return [self.place(x / self.x_end, y) for x, y in pairs]
+        return [self.place(x / self.x_end, y) for x, y in zip(line.x, line.y, strict=True)]
 
     def place(self, x: float, y: float) -> tuple[float, float]:
         """Return the pixel of a point of the plot, both coordinates from 0 to 1."""

@@ -195,5 +195,4 @@ def _spread(places: list[tuple[float, float]], size: tuple[int, int]) -> list[tu
         near = (distance < TAG_DISTANCE) & ~np.eye(len(moved), dtype=bool)
         push = np.where(near, (TAG_DISTANCE - distance) / 2.0 / distance, 0.0)
         moved += (push[:, :, None] * apart).sum(axis=1)
-    shares = np.clip(moved / size, 0.02, 0.98)
-    return [(float(x), float(y)) for x, y in shares]
+    return [(float(x), float(y)) for x, y in np.clip(moved / size, 0.02, 0.98)]

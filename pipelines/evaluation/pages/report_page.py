@@ -39,13 +39,9 @@ def report_page(report: Mapping[str, Any], gallery: Gallery) -> str:
         title=f"SymGrasp: {counted.get('frames', 0)} frames, {counted.get('objects', 0)} objects",
         tiles=_tiles(report),
         sections=report_sections(report),
-        charts={
-            "Grasps": list(_held_charts(report)),
-            "Symmetries": list(_symmetry_charts(report)),
-        },
+        charts={"Grasps": [*_held_charts(report)], "Symmetries": [*_symmetry_charts(report)]},
         bars=[
-            (report_row(row).title, splits[ALL]["reasons"])
-            for row, splits in report["rows"].items()
+            (report_row(row).title, found[ALL]["reasons"]) for row, found in report["rows"].items()
         ],
         colors=REASON_COLORS,
         words=REASON_WORDS,

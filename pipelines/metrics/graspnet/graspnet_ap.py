@@ -27,11 +27,7 @@ def suppress(confidence: ArrayLike, rotation: Array, translation: Array) -> Indi
 
     A grasp goes if a more confident one that stays is nearer than 3 cm and turned by less than 30
     degrees from it; a gripper turned by half a turn about its approach is another grasp here.
-
-    Args:
-        confidence: (n,), higher is better.
-        rotation: (n, 3, 3).
-        translation: (n, 3) metres.
+    `confidence`: (n,), higher is better. `rotation`: (n, 3, 3). `translation`: (n, 3) metres.
     """
     order = np.argsort(-np.asarray(confidence), kind="stable")
     kept = order[:0]
@@ -61,9 +57,7 @@ def _near(rotation: Array, translation: Array, these: Indices, those: Indices) -
 def ranked(confidence: Array, owner: Indices) -> Indices:
     """Return the indices (k,) of the grasps that count, most confident first.
 
-    Args:
-        confidence: (n,), in descending order.
-        owner: (n,) whose object each grasp is.
+    `confidence`: (n,), in descending order. `owner`: (n,) whose object each grasp is.
     """
     chosen = [np.flatnonzero(owner == each)[:PER_OBJECT] for each in np.unique(owner)]
     index = np.concatenate(chosen) if chosen else np.zeros(0, np.int64)

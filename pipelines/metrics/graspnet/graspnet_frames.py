@@ -21,12 +21,7 @@ from pipelines.metrics.contacts import Contacts, close_fingers
 from pipelines.metrics.force_closure import min_friction, on_grid
 from pipelines.metrics.graspnet.graspnet_ap import AP_FRICTIONS, FAILED, ranked, suppress
 from pipelines.metrics.graspnet.grid_contacts import close_fingers_on_grid
-from pipelines.metrics.graspnet.peer_collision import (
-    MIN_INNER,
-    box_hits,
-    meets_points,
-    table_cloud,
-)
+from pipelines.metrics.graspnet.peer_collision import MIN_INNER, box_hits, meets_points, table_cloud
 from pipelines.metrics.mesh_collision import MeshCollider, hits_table
 
 # What becomes of a ranked grasp, in the order in which it can fail.
@@ -54,19 +49,12 @@ class SolidObject:
 
 @dataclass(frozen=True)
 class ScoredRows:
-    """The grasps of a frame that count, most confident first; one entry a grasp.
+    """The grasps of a frame that count, most confident first; one entry a grasp."""
 
-    Attributes:
-        index: (k,) rows of the dump.
-        owner: (k,) indices of the scene's objects.
-        friction: (k,) the smallest of `AP_FRICTIONS` that holds; `FAILED` if none.
-        reason: (k,) indices of `DUMP_REASONS`.
-    """
-
-    index: Indices
-    owner: Indices
-    friction: Array
-    reason: Indices
+    index: Indices  # (k,) rows of the dump
+    owner: Indices  # (k,) indices of the scene's objects
+    friction: Array  # (k,) the smallest of `AP_FRICTIONS` that holds; `FAILED` if none
+    reason: Indices  # (k,) indices of `DUMP_REASONS`
 
 
 @dataclass(frozen=True)
@@ -89,8 +77,7 @@ class PeerScene:
         Only points around the box of each grasp's own object are looked at.
         """
         clouds = self.clouds()
-        fixed = np.concatenate([TABLE, self.around])
-        table = transform_points(invert(self.T_table_cam), fixed)
+        table = transform_points(invert(self.T_table_cam), np.concatenate([TABLE, self.around]))
         everything = np.ascontiguousarray(np.concatenate([*clouds, table]).T)
         hit, inner = np.zeros(len(grasps), np.bool_), np.zeros(len(grasps), np.int64)
         for which in np.unique(owner):

@@ -68,8 +68,7 @@ def _first_contact(
     rising = np.ones(size.shape, np.bool_)
     rising[:, :-1] = size[:, 1:] >= size[:, :-1]
     row, sample = np.nonzero((size < NEAR * grid.spacing) & rising & (reach[:, None] > 0.0))
-    first = np.clip(sample - 1, 0, count[row, 0] - 3)
-    three = first[:, None] + np.arange(3)
+    three = np.clip(sample - 1, 0, count[row, 0] - 3)[:, None] + np.arange(3)
     where = _crossings(line[row[:, None], three], distance[row[:, None], three])
     good = np.isfinite(where[:, 0])
     row, where = row[good], where[good]
@@ -84,10 +83,8 @@ def _distances_near(grid: SignedDistanceGrid, line: Array) -> Array:
 
     Most of a finger's way is through the air: only what may be near is trilinear_distance.
     """
-    last = np.array(grid.values.shape) - 1
-    node = np.clip(np.rint(line), 0, last).astype(np.int64)
-    rough = np.abs(grid.values[node[..., 0], node[..., 1], node[..., 2]])
-    near = rough < SEARCHED * grid.spacing
+    node = np.clip(np.rint(line), 0, np.array(grid.values.shape) - 1).astype(np.int64)
+    near = np.abs(grid.values[node[..., 0], node[..., 1], node[..., 2]]) < SEARCHED * grid.spacing
     wanted = near.copy()
     for shift in (1, 2):
         wanted[:, shift:] |= near[:, :-shift]
@@ -118,8 +115,7 @@ def _crossings(points: Array, distance: Array) -> Array:
     """
     if not len(points):
         return np.zeros((0, 3))
-    ahead = points[:, 1] - points[:, 0]
-    direction = unit(ahead)
+    direction = unit(points[:, 1] - points[:, 0])
     axis = (direction != 0.0).argmax(axis=1)[:, None]  # arc lengths are read from one coordinate
     along = np.take_along_axis(direction, axis, 1)[:, 0]
     place = np.zeros((len(points), 3))
@@ -127,9 +123,8 @@ def _crossings(points: Array, distance: Array) -> Array:
         away = np.take_along_axis(points[:, i] - points[:, 0], axis, 1)[:, 0]
         place[:, i] = away / np.where(along != 0.0, along, 1.0)
     usable = np.asarray(np.isfinite(distance).all(axis=1))
-    usable &= (place[:, 1] > 0.0) & (
-        place[:, 2] > place[:, 1]
-    )  # samples of a closed gripper fall together
+    # Samples of a closed gripper fall together.
+    usable &= (place[:, 1] > 0.0) & (place[:, 2] > place[:, 1])
     place[~usable] = np.arange(3)
     safe = np.where(usable[:, None], distance, 0.0)
     system = np.stack([place**2, place, np.ones_like(place)], -1)
@@ -153,7 +148,6 @@ def _normals(grid: SignedDistanceGrid, where: Array, way: Array) -> Array:
     kept = np.abs(trilinear_distance(grid, probes)) < NEAR * grid.spacing
     weight = kept / np.maximum(kept.sum(axis=1, keepdims=True), 1)
     arm = probes - np.einsum("nk,nki->ni", weight, probes)[:, None]
-    scatter = np.einsum("nk,nki,nkj->nij", weight, arm, arm)
-    normal = np.linalg.eigh(scatter)[1][:, :, 0]
+    normal = np.linalg.eigh(np.einsum("nk,nki,nkj->nij", weight, arm, arm))[1][:, :, 0]
     outward: Array = np.where(np.einsum("ni,ni->n", normal, way)[:, None] > 0.0, -normal, normal)
     return outward

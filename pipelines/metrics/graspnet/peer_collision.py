@@ -77,10 +77,8 @@ def table_cloud() -> Array:
 def meets_points(points: Array, grasps: GraspPoses, depth: Array) -> tuple[Mask, NDArray[np.int64]]:
     """Return (n,) whether a box of the gripper holds a point, and (n,) how many lie between.
 
-    Args:
-        points: (m, 3) metres, frame of the grasps.
-        grasps: `translation` between the finger tips, `width` the opening.
-        depth: (n,) metres from the origin of GraspNet's frame to the tips.
+    `points`: (m, 3) metres, frame of `grasps`, whose `translation` is between the finger tips and
+    whose `width` is the opening. `depth`: (n,) metres from GraspNet's origin to the tips.
     """
     hit, inner = np.zeros(len(grasps), np.bool_), np.zeros(len(grasps), np.int64)
     step = max(1, AT_A_TIME // max(len(points), 1))

@@ -21,23 +21,14 @@ STEPS = 65535  # of 16 bits
 
 @dataclass(frozen=True)
 class PixelCloud:
-    """The measured pixels of every `stride`-th row and column.
+    """The measured pixels of every `stride`-th row and column."""
 
-    Attributes:
-        depth: (h, w) u2, in steps; 0 = missing.
-        step: metres; a depth is off by at most half of it.
-        color: (h, w, 3) u1 RGB.
-        region: (h, w) u2, 0 = none, r + 1 = region r.
-        camera: of these pixels.
-        stride: how many of the frame's pixels lie between two, each way.
-    """
-
-    depth: NDArray[np.uint16]
-    step: float
-    color: NDArray[np.uint8]
-    region: NDArray[np.uint16]
-    camera: Intrinsics
-    stride: int
+    depth: NDArray[np.uint16]  # (h, w) in steps; 0 = missing
+    step: float  # metres; a depth is off by at most half of it
+    color: NDArray[np.uint8]  # (h, w, 3) RGB
+    region: NDArray[np.uint16]  # (h, w) 0 = none, r + 1 = region r
+    camera: Intrinsics  # of these pixels
+    stride: int  # how many of the frame's pixels lie between two, each way
 
     @classmethod
     def of(cls, frame: Frame, result: FrameResult, max_pixels: int) -> "PixelCloud":
@@ -55,8 +46,7 @@ class PixelCloud:
             whole.fx / stride, whole.fy / stride, whole.cx / stride, whole.cy / stride,
             width, height,
         )  # fmt: skip
-        color = np.ascontiguousarray(frame.color[thin])
-        return cls(quantised, step, color, region, camera, stride)
+        return cls(quantised, step, np.ascontiguousarray(frame.color[thin]), region, camera, stride)
 
     def points(self) -> Array:
         """Return (h, w, 3) metres, camera frame, as the page draws them; nan where missing."""

@@ -44,10 +44,7 @@ def frame_scene(
         "gripper": gripper.name,
         "clearance": gripper.clearance,
         "camera": {
-            "fx": camera.fx,
-            "fy": camera.fy,
-            "cx": camera.cx,
-            "cy": camera.cy,
+            **{name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy")},
             "columns": camera.width,
             "rows": camera.height,
         },

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
-from pipelines.evaluation.graspnet.graspnet_inputs import InputDigests
+from pipelines.evaluation.graspnet.graspnet_truth import InputDigests
 from pipelines.frames.graspnet_scene import annotated_ids
 from pipelines.grasp_files.exports.graspnet_dump import dumped_scenes
 from tests.stages import toy_root

@@ -85,9 +85,9 @@ def changed(
             continue
         now = _before(RENAMED, config).get(name, name)
         replaced = _before(RENAMED_VALUES, config).get(now, {})
-        config = _Change(config, now, where, option or f"{where}{now}").made(
-            replaced.get(value, value) if isinstance(value, str) else value
-        )
+        wanted = replaced.get(value, value) if isinstance(value, str) else value
+        change = _Change(config, now, where, option or f"{where}{now}")
+        config = change.made(config, now.split("."), wanted)
     return config
 
 
@@ -157,16 +157,13 @@ class _Change:
     where: str
     shown: str
 
-    def made(self, value: object) -> Any:  # noqa: ANN401 - a config
-        return self._within(self.root, self.name.split("."), value)
-
-    def _within(self, table: Any, path: list[str], value: object) -> Any:  # noqa: ANN401 - configs
+    def made(self, table: Any, path: list[str], value: object) -> Any:  # noqa: ANN401 - configs
         head, *rest = path
         types, inner = types_of(type(table)), getattr(table, head, None)
         if head not in types or (rest and not is_dataclass(inner)):
             raise self._unknown(table)
         if rest:
-            return replace(table, **{head: self._within(inner, rest, value)})
+            return replace(table, **{head: self.made(inner, rest, value)})
         if is_dataclass(inner):
             if value == {}:
                 return table

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from pipelines.contents import json_object, reading
 from pipelines.errors import FormatError
-from pipelines.storage.files import write_bytes
+from pipelines.storage.files import open_safetensors, write_bytes
 from pipelines.storage.provenance import Stamp
-from pipelines.storage.safetensors_files import open_safetensors
 
 if TYPE_CHECKING:
     from torch import Tensor

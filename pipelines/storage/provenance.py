@@ -14,10 +14,9 @@ from typing import Any
 
 from pipelines.contents import json_object
 from pipelines.errors import FormatError, StaleOutputError, ValueRangeError
-from pipelines.storage.files import read_json, write_json
+from pipelines.storage.files import open_safetensors, read_json, write_json
 from pipelines.storage.h5_columns import attribute
 from pipelines.storage.h5_files import open_h5
-from pipelines.storage.safetensors_files import open_safetensors
 
 log = logging.getLogger(__name__)
 # What must agree for an existing output to be reused; the version is recorded, not compared.

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.learning.loop.history import History
+from pipelines.learning.loop.runs import History
 from pipelines.storage.images import write_image
 
 WIDTH, HEIGHT = 380, 250  # pixels of a chart

@@ -20,21 +20,13 @@ UNDECLARED = Declaration("", "", "", float("-inf"), float("inf"))
 
 @dataclass(frozen=True)
 class Setting:
-    """One setting of a config.
+    """One setting of a config."""
 
-    Attributes:
-        name: dotted, as `selection.ranking.by`.
-        value: the config's.
-        default: the value if nobody changes it.
-        declared: its type.
-        declaration: unit, meaning, origin and range.
-    """
-
-    name: str
-    value: Any
-    default: Any
-    declared: Any
-    declaration: Declaration
+    name: str  # dotted, as `selection.ranking.by`
+    value: Any  # the config's
+    default: Any  # the value if nobody changes it
+    declared: Any  # its type
+    declaration: Declaration  # unit, meaning, origin and range
 
     @property
     def choices(self) -> tuple[str, ...]:

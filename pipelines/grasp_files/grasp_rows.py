@@ -35,17 +35,11 @@ VERDICT_ARRAYS = (
 
 @dataclass(frozen=True)
 class GraspRows:
-    """Rows of a file.
+    """Rows of a file."""
 
-    Attributes:
-        rows: (n, 17) float64; those that are no grasps are zero but for a unit rotation.
-        faults: which rows are no grasps, with the reason.
-        straightened: (n,) whose rotations were a little off and have been made exact.
-    """
-
-    rows: Array
-    faults: dict[int, str]
-    straightened: Mask
+    rows: Array  # (n, 17) float64; those that are no grasps are zero but for a unit rotation
+    faults: dict[int, str]  # which rows are no grasps, with the reason
+    straightened: Mask  # (n,) whose rotations were a little off and have been made exact
 
 
 def read_grasp_rows(

@@ -201,17 +201,11 @@ def _tell_of_version(found: str, installed: str) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class FileVersion:
-    """A file as it was last written, the key of a cache: what is in memory is good for that only.
+    """A file as last written, the key of a cache: what is in memory is good for that only."""
 
-    Attributes:
-        path: of the file.
-        written: nanoseconds; 0 where there is no such file, which reading it then says.
-        size: bytes.
-    """
-
-    path: Path
-    written: int = 0
-    size: int = 0
+    path: Path  # of the file
+    written: int = 0  # nanoseconds; 0 where there is no such file, which reading it then says
+    size: int = 0  # bytes
 
     @classmethod
     def of(cls, path: Path) -> "FileVersion":

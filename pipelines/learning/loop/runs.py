@@ -17,41 +17,26 @@ MOST_POINTS = 400  # of a curve; one that grows longer is thinned to half
 
 @dataclass(frozen=True)
 class RunRequest:
-    """Options of a run that do not change what it converges to.
+    """Options of a run that do not change what it converges to."""
 
-    Attributes:
-        seed: of everything drawn at random.
-        device: auto, cpu, cuda or cuda:N.
-        threads: CPU cores to use.
-        max_seconds: time after which the run stops cleanly, None for no limit.
-        resume: go on with an unfinished run.
-        overwrite: start again whatever is there.
-        progress: show a progress bar on stderr instead of lines.
-        loaders: processes that load batches ahead; 0 for a thread of this one.
-    """
-
-    seed: int = 0
-    device: str = "auto"
-    threads: int = 2
-    max_seconds: float | None = None
-    resume: bool = False
-    overwrite: bool = False
-    progress: bool = False
-    loaders: int = 0
+    seed: int = 0  # of everything drawn at random
+    device: str = "auto"  # auto, cpu, cuda or cuda:N
+    threads: int = 2  # CPU cores to use
+    max_seconds: float | None = None  # time after which the run stops cleanly, None for no limit
+    resume: bool = False  # go on with an unfinished run
+    overwrite: bool = False  # start again whatever is there
+    progress: bool = False  # show a progress bar on stderr instead of lines
+    loaders: int = 0  # processes that load batches ahead; 0 for a thread of this one
 
 
 @dataclass
 class History:
-    """Curves of one training; kept in the checkpoint, so that those of a resumed run are whole.
+    """Curves of one training; kept in the checkpoint, so that those of a resumed run are whole."""
 
-    Attributes:
-        every: steps that a point of `train` stands for.
-        train: by term, means over `every` steps each.
-        val: by figure, pairs (steps done, value).
-    """
-
-    every: int = 1
+    every: int = 1  # steps that a point of `train` stands for
+    # by term, means over `every` steps each
     train: dict[str, list[float]] = field(default_factory=dict)
+    # by figure, pairs (steps done, value)
     val: dict[str, list[tuple[int, float]]] = field(default_factory=dict)
     pending: dict[str, float] = field(default_factory=dict)  # sums over the steps since
     num_pending: int = 0

@@ -166,11 +166,8 @@ def read_collision_labels(path: Path) -> list[Mask]:
     arrays = read_npz(path, ())
     names = [f"arr_{i}" for i in range(len(arrays))]
     if sorted(arrays) != sorted(names):
-        raise FormatError(
-            path,
-            f"holds the arrays {sorted(arrays)}",
-            "arr_0, arr_1, ... without a gap are expected",
-        )
+        found = f"holds the arrays {sorted(arrays)}"
+        raise FormatError(path, found, "arr_0, arr_1, ... without a gap are expected")
     for name in names:
         if arrays[name].ndim != 4 or arrays[name].shape[1:] != LABEL_GRID:
             raise FormatError(

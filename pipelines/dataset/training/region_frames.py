@@ -90,11 +90,8 @@ def _poses(root: GraspNetRoot, files: FrameFiles) -> dict[int, Array]:
     poses = {pose.object_id: pose.T_cam_obj for pose in root.read_annotation(files)}
     missing = [i for i in root.scene(files.scene_id, files.camera).object_ids if i not in poses]
     if missing:
-        raise FormatError(
-            files.path("annotations"),
-            f"holds no pose of object {missing[0]}",
-            "object_id_list.txt names it",
-        )
+        found = f"holds no pose of object {missing[0]}"
+        raise FormatError(files.path("annotations"), found, "object_id_list.txt names it")
     return poses
 
 

@@ -166,7 +166,9 @@ def merge_shards(
         done = dict.fromkeys(sizes, 0)
         for start in range(0, len(parts), BATCH):
             check()
-            _fill(file, joined_tables([_tables(p) for p in parts[start : start + BATCH]]), done)
+            batch = parts[start : start + BATCH]
+            tables = [shard_tables(p) if isinstance(p, Path) else tables_of([p]) for p in batch]
+            _fill(file, joined_tables(tables), done)
 
 
 def _sizes(parts: Sequence[FrameResult | Path], check: Callable[[], None]) -> dict[str, int]:
@@ -174,17 +176,12 @@ def _sizes(parts: Sequence[FrameResult | Path], check: Callable[[], None]) -> di
     sizes = np.zeros(3, np.int64)
     for part in parts:
         check()
-        sizes += shard_sizes(part) if isinstance(part, Path) else _size(part)
+        if isinstance(part, Path):
+            sizes += shard_sizes(part)
+        else:
+            sizes += len(part.regions), len(part.grasps), len(part.regions.mask_counts)
     names = ("regions", "grasps", "mask_counts")
     return {"frames": len(parts), **dict(zip(names, sizes.tolist(), strict=True))}
-
-
-def _size(result: FrameResult) -> tuple[int, ...]:
-    return len(result.regions), len(result.grasps), len(result.regions.mask_counts)
-
-
-def _tables(part: FrameResult | Path) -> Tables:
-    return shard_tables(part) if isinstance(part, Path) else tables_of([part])
 
 
 def shard_sizes(path: Path) -> tuple[int, ...]:

@@ -82,7 +82,7 @@ def annotation_entry(image: Entry, number: int, region: RegionInstance, category
         "id": image["id"] * REGIONS_A_FRAME + number,
         "image_id": image["id"],
         "category_id": category,
-        "segmentation": {"size": list(region.mask.shape), "counts": _as_text(runs["counts"])},
+        "segmentation": {"size": list(region.mask.shape), "counts": runs["counts"].decode()},
         "area": int(coco_mask.area(runs)),
         "bbox": [float(x) for x in coco_mask.toBbox(runs)],
         "iscrowd": 0,
@@ -100,10 +100,6 @@ def annotation_mask(annotation: Mapping[str, Any]) -> Mask:
         warnings.simplefilter("ignore", DeprecationWarning)
         mask = coco_mask.decode({"size": runs["size"], "counts": runs["counts"]})
     return np.asarray(mask, np.bool_)
-
-
-def _as_text(counts: str | bytes) -> str:
-    return counts if isinstance(counts, str) else counts.decode("ascii")
 
 
 def kind_of(symmetries: Iterable[Symmetry]) -> str:

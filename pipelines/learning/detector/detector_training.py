@@ -90,7 +90,7 @@ class DetectorTraining:
                     found["masks"][:, 0].cpu().numpy(), found["boxes"].cpu().numpy(), strict=True
                 )
             ]
-            masks = np.stack(drawn) if drawn else np.zeros((0, *size), bool)
+            masks = np.array(drawn, bool).reshape(-1, *size)
             frames.append((masks_of(view.regions), masks, found["scores"].cpu().numpy()))
         return mask_figures(frames)
 

@@ -51,11 +51,9 @@ class History:
             self.train.setdefault(name, []).append(value / self.num_pending)
         self.pending, self.num_pending = {}, 0
         if len(next(iter(self.train.values()))) >= MOST_POINTS:
-            pairs = {name: (each[::2], each[1::2]) for name, each in self.train.items()}
-            self.train = {
-                name: [0.5 * (a + b) for a, b in zip(*pair, strict=True)]
-                for name, pair in pairs.items()
-            }
+            for name, means in self.train.items():
+                pairs = zip(means[::2], means[1::2], strict=True)
+                self.train[name] = [0.5 * (a + b) for a, b in pairs]
             self.every *= 2
 
     def add_figures(self, steps: int, figures: Mapping[str, float]) -> None:

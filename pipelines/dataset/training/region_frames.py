@@ -114,10 +114,12 @@ def split_frames(
         raise ValueRangeError(where, len(scenes), "at least 2, one to validate on")
     if held_out is None:
         held_out = held_out_scenes(sorted(scenes), fraction, seed)
-    sets: tuple[list[tuple[Path, int]], ...] = [], []
+    train: list[tuple[Path, int]] = []
+    val: list[tuple[Path, int]] = []
     for path in files:
-        sets[path.stem[:SCENE] in held_out] += [(path, row) for row in range(count(path))]
-    return FrameSets(*sets)
+        rows = val if path.stem[:SCENE] in held_out else train
+        rows.extend((path, row) for row in range(count(path)))
+    return FrameSets(train, val)
 
 
 def held_out_scenes(scenes: Sequence[str], fraction: float, seed: int) -> set[str]:

@@ -136,7 +136,7 @@ def frames_of(
         folder = frames_folder(output, root)
         files = sorted(folder.parent / f"{each}.h5" for each in scenes)
         files = [path for path in files if path.parent == folder]
-        count, given = detector_frames.count, _given_split(root)
+        count, given = detector_frames.count_frames, _given_split(root)
         sets.append(split_frames(files, count, val_fraction, seed, given))
         for of_what, which in (("to train on", sets[-1].train), ("to validate on", sets[-1].val)):
             if not which:

@@ -22,8 +22,11 @@ from pipelines.array_types import Singles
 from pipelines.configs import LabelConfig, LabelGraspsConfig
 from pipelines.dataset import object_list
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
-from pipelines.dataset.graspnet.graspnet_label_parts import join_grasp_labels, part_arrays
-from pipelines.dataset.graspnet.graspnet_labels import write_grasp_label
+from pipelines.dataset.graspnet.graspnet_labels import (
+    join_grasp_labels,
+    part_arrays,
+    write_grasp_label,
+)
 from pipelines.dataset.graspnet.signed_distance import write_sdf
 from pipelines.dataset.meshes import (
     clean_mesh,

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
-from pipelines.configs.declaration import BY_EYE, choice, setting
+from pipelines.configs.declaration import BY_EYE, choice, count, fraction, setting
 
 Split = Literal["train", "seen", "similar", "novel"]
 Sensor = Literal["perfect", "kinect", "realsense", "mixed"]
@@ -39,11 +39,11 @@ FRAME_STRIDE = "Take every n-th frame of a scene."
 class LabelConfig:
     """Grasp labels by sample-and-validate, on GraspNet's grid."""
 
-    num_points: int = setting(
-        64, "count", "Grasp points of an object; 0 for none (label-grasps: by area).", BY_EYE
+    num_points: int = count(
+        64, "Grasp points of an object; 0 for none (label-grasps: by area).", BY_EYE, low=0
     )
-    num_views: int = setting(300, "count", "Approach directions of a point.", GRASPNET, low=1)
-    num_angles: int = setting(12, "count", "Turns about each approach.", GRASPNET, low=1)
+    num_views: int = count(300, "Approach directions of a point.", GRASPNET)
+    num_angles: int = count(12, "Turns about each approach.", GRASPNET)
     depths: tuple[float, ...] = setting(
         (0.01, 0.02, 0.03, 0.04), "m", "Depths of the finger tips behind a point.", GRASPNET
     )
@@ -65,8 +65,8 @@ class LabelGraspsConfig:
 
     labels: LabelConfig = field(default_factory=lambda: LabelConfig(num_points=0))  # 0: by area
     point_area: float = setting(32e-6, "m2", "Surface of one grasp point.", "D. 39", low=1e-9)
-    min_points: int = setting(64, "count", "Fewest grasp points of an object.", "D. 39", low=1)
-    max_points: int = setting(3500, "count", "Most grasp points of an object.", "D. 39", low=1)
+    min_points: int = count(64, "Fewest grasp points of an object.", "D. 39")
+    max_points: int = count(3500, "Most grasp points of an object.", "D. 39")
 
 
 @dataclass(frozen=True)
@@ -74,9 +74,9 @@ class SceneryConfig:
     """What a synthetic scene shows besides its objects."""
 
     surroundings: tuple[Surrounding, ...] = choice(("plain",), SURROUNDINGS, BY_EYE)
-    robot_hands: float = setting(0.0, "share", HANDS_SHARE, BY_EYE)
+    robot_hands: float = fraction(0.0, HANDS_SHARE, BY_EYE)
     colors: Colors = choice("plain", SCENE_COLORS, BY_EYE)
-    depth_faults: float = setting(0.0, "share", DEPTH_FAULTS, "docs/experiments/data-sets.md")
+    depth_faults: float = fraction(0.0, DEPTH_FAULTS, "docs/experiments/data-sets.md")
 
 
 @dataclass(frozen=True)
@@ -86,13 +86,11 @@ class SynthesizeConfig:
     splits: tuple[Split, ...] = choice(
         ("train", "seen", "similar", "novel"), "Splits to make, with commas.", GRASPNET
     )
-    scenes_per_split: int = setting(10, "count", "Scenes of each split.", BY_EYE, low=1)
-    views: int = setting(16, "count", "Viewpoints of a scene; GraspNet has 256.", BY_EYE, low=1)
-    objects_per_pool: int = setting(
-        40, "count", "Objects of each pool: seen, similar, novel.", BY_EYE, low=1
-    )
-    min_objects: int = setting(4, "count", "Fewest objects of a scene.", BY_EYE, low=1)
-    max_objects: int = setting(9, "count", "Most objects of a scene.", BY_EYE, low=1)
+    scenes_per_split: int = count(10, "Scenes of each split.", BY_EYE)
+    views: int = count(16, "Viewpoints of a scene; GraspNet has 256.", BY_EYE)
+    objects_per_pool: int = count(40, "Objects of each pool: seen, similar, novel.", BY_EYE)
+    min_objects: int = count(4, "Fewest objects of a scene.", BY_EYE)
+    max_objects: int = count(9, "Most objects of a scene.", BY_EYE)
     sensor: Sensor = choice("realsense", "Depth sensor; mixed draws one for each scene.", BY_EYE)
     width: int = setting(1280, "px", "Width of the images.", GRASPNET, low=1)
     height: int = setting(720, "px", "Height of the images.", GRASPNET, low=1)
@@ -107,35 +105,29 @@ class AnnotateSymmetryConfig:
     """Symmetries of meshes (Sec. III-G)."""
 
     mesh_scale: float = setting(1.0, "factor", MESH_SCALE, "user's mesh", low=1e-6)
-    num_samples: int = setting(
-        30000, "count", "Dense surface samples that distances are measured to.", BY_EYE, low=100
+    num_samples: int = count(
+        30000, "Dense surface samples that distances are measured to.", BY_EYE, low=100
     )
-    num_verification_samples: int = setting(
-        2000, "count", "Surface samples that a symmetry is verified on.", "D. 55", low=100
+    num_verification_samples: int = count(
+        2000, "Surface samples that a symmetry is verified on.", "D. 55", low=100
     )
-    grid_resolution: int = setting(
-        56, "count", "Cells of the distance grid along a side.", BY_EYE, low=4
-    )
+    grid_resolution: int = count(56, "Cells of the distance grid along a side.", BY_EYE, low=4)
     distance_cap: float = setting(
         0.06, "diameters", "Distance beyond which a miss is no worse.", BY_EYE
     )
-    plane_directions: int = setting(
-        1000, "count", "Directions of planes that are searched.", BY_EYE, low=1
-    )
+    plane_directions: int = count(1000, "Directions of planes that are searched.", BY_EYE)
     plane_offsets: tuple[float, ...] = setting(
         (0.0, -0.04, 0.04, -0.08, 0.08), "diameters", "Offsets from the centroid.", BY_EYE, low=-1.0
     )
-    plane_candidates: int = setting(40, "count", "Planes that are refined.", BY_EYE, low=1)
+    plane_candidates: int = count(40, "Planes that are refined.", BY_EYE)
     plane_separation_deg: float = setting(
         7.0, "deg", "Angle below which two candidates are one plane.", BY_EYE
     )
     plane_offset_separation: float = setting(
         0.03, "diameters", "Distance below which parallel candidates are one plane.", BY_EYE
     )
-    axis_directions: int = setting(
-        600, "count", "Directions of axes that are searched.", BY_EYE, low=1
-    )
-    axis_candidates: int = setting(3, "count", "Axes that are refined.", BY_EYE, low=1)
+    axis_directions: int = count(600, "Directions of axes that are searched.", BY_EYE)
+    axis_candidates: int = count(3, "Axes that are refined.", BY_EYE)
     axis_separation_deg: float = setting(
         10.0, "deg", "Angle below which two candidates are one axis.", BY_EYE
     )
@@ -152,29 +144,26 @@ class AnnotateSymmetryConfig:
         "Largest of 99 % of these distances; 1.2 times that of an axis.",
         "D. 138",
     )
-    max_error: float = setting(
-        0.03, "share", "Mean distance, of the largest displacement: thin things count too.", BY_EYE
+    max_error: float = fraction(
+        0.03, "Mean distance, of the largest displacement: thin things count too.", BY_EYE
     )
-    min_agreement: float = setting(
-        0.65, "share", "Agreement of normals, of the surface's with itself nearby.", "D. 34"
+    min_agreement: float = fraction(
+        0.65, "Agreement of normals, of the surface's with itself nearby.", "D. 34"
     )
-    max_unseen: float = setting(
-        0.4, "share", "Share of samples whose image may land beyond an open rim.", "D. 35"
+    max_unseen: float = fraction(
+        0.4, "Share of samples whose image may land beyond an open rim.", "D. 35"
     )
-    max_planes: int = setting(3, "count", "Most planes of a region.", "Sec. III-E", high=3)
-    max_order: int = setting(8, "count", "Highest order of a discrete rotation.", BY_EYE, low=2)
+    max_planes: int = count(3, "Most planes of a region.", "Sec. III-E", low=0, high=3)
+    max_order: int = count(8, "Highest order of a discrete rotation.", BY_EYE, low=2)
     min_region_extent: float = setting(0.01, "m", "Size that fingers can close on.", BY_EYE)
-    min_region_support: float = setting(
-        0.8, "share", "Share of a region's surface that its symmetry explains.", "D. 36"
+    min_region_support: float = fraction(
+        0.8, "Share of a region's surface that its symmetry explains.", "D. 36"
     )
-    min_body_share: float = setting(
-        0.25,
-        "share",
-        "Share of the curved surface that bodies of revolution hold to be cut.",
-        "D. 36",
+    min_body_share: float = fraction(
+        0.25, "Share of the curved surface that bodies of revolution hold to be cut.", "D. 36"
     )
-    min_part_share: float = setting(
-        0.03, "share", "Area below which a part joins the one that it touches.", "D. 36"
+    min_part_share: float = fraction(
+        0.03, "Area below which a part joins the one that it touches.", "D. 36"
     )
     cut_objects: bool = choice(
         True,
@@ -192,21 +181,13 @@ class RefineGraspsConfig:
         True, "Copy grasps across symmetries; without, the labels as they are.", "Table IV"
     )
     max_friction: float = setting(1.0, "factor", "Friction that a grasp must hold at.", "D. 15")
-    copies_per_turn: int = setting(
-        36, "count", "Equal angles about a continuous axis.", "D. 3", low=1, high=72
-    )
+    copies_per_turn: int = count(36, "Equal angles about a continuous axis.", "D. 3", high=72)
     merge_distance: float = setting(
         0.001, "m", "Distance of contacts below which two grasps are one.", "D. 2", low=1e-5
     )
-    max_grasps: int = setting(
-        200_000, "count", "Contact pairs of a label; of more an even sample.", "D. 40", low=1
-    )
-    max_copies: int = setting(
-        200_000,
-        "count",
-        "Copies under an object's symmetries, and under each region's.",
-        "D. 40",
-        low=1,
+    max_grasps: int = count(200_000, "Contact pairs of a label; of more an even sample.", "D. 40")
+    max_copies: int = count(
+        200_000, "Copies under an object's symmetries, and under each region's.", "D. 40"
     )
     max_surface_gap: float = setting(
         0.003, "m", "Distance from the surface beyond which a copy is dropped.", "D. 3"
@@ -217,34 +198,28 @@ class RefineGraspsConfig:
     contact_radius: float = setting(
         0.004, "m", "Distance from a contact that its quality spreads to.", "D. 9"
     )
-    num_surface_points: int = setting(
-        4096, "count", "Points of a mesh that have an affordance.", BY_EYE, low=1
-    )
-    chunk: int = setting(
-        500_000, "count", "Candidates of a label that are read at a time.", BY_EYE, low=1
-    )
+    num_surface_points: int = count(4096, "Points of a mesh that have an affordance.", BY_EYE)
+    chunk: int = count(500_000, "Candidates of a label that are read at a time.", BY_EYE)
 
 
 @dataclass(frozen=True)
 class PackConfig:
     """Clouds of regions with labels, camera frame."""
 
-    num_points: int = setting(
-        2048, "count", "Points that are stored; training draws 1,500 of them.", BY_EYE, low=1
-    )
+    num_points: int = count(2048, "Points that are stored; training draws 1,500 of them.", BY_EYE)
     min_pixels: int = setting(300, "px", "Pixels below which a region is left out.", BY_EYE, low=1)
     label_radius: float = setting(
         0.01, "m", "Distance from a point to the surface that labels it.", BY_EYE
     )
-    frame_stride: int = setting(1, "count", FRAME_STRIDE, BY_EYE, low=1)
+    frame_stride: int = count(1, FRAME_STRIDE, BY_EYE)
     mask_noise: bool = choice(
         True, "Disturb the masks as a detector would, or take them as labelled.", BY_EYE
     )
-    mask_noise_share: float = setting(0.7, "share", "Share of the masks disturbed.", BY_EYE)
-    mask_edge: float = setting(
-        0.04, "share", "Largest erosion or dilation, of the root of the mask's area.", BY_EYE
+    mask_noise_share: float = fraction(0.7, "Share of the masks disturbed.", BY_EYE)
+    mask_edge: float = fraction(
+        0.04, "Largest erosion or dilation, of the root of the mask's area.", BY_EYE
     )
-    mask_blot: float = setting(0.15, "share", "Largest leak or gap, likewise.", BY_EYE)
+    mask_blot: float = fraction(0.15, "Largest leak or gap, likewise.", BY_EYE)
 
 
 @dataclass(frozen=True)
@@ -255,6 +230,6 @@ class ExportCocoConfig:
         "kind", "Categories: by kind of symmetry, by object, or region for one.", BY_EYE
     )
     min_pixels: int = setting(200, "px", "Pixels below which a region is left out.", BY_EYE, low=1)
-    frame_stride: int = setting(1, "count", FRAME_STRIDE, BY_EYE, low=1)
-    val_fraction: float = setting(0.1, "share", "Share of the scenes to validate on.", BY_EYE)
+    frame_stride: int = count(1, FRAME_STRIDE, BY_EYE)
+    val_fraction: float = fraction(0.1, "Share of the scenes to validate on.", BY_EYE)
     link: bool = choice(False, "Link to the dataset's images instead of copying them.", BY_EYE)

@@ -1,6 +1,7 @@
 """Declaration of a setting: its default, unit, meaning, origin and range, beside its name and type.
 
-    min_affordance: float = setting(0.5, "share", "Least affordance of a contact.", "Sec. III-E")
+    approach: float = setting(0.10, "m", "Way along the approach axis.", "D. 48")
+    min_affordance: float = fraction(0.5, "Least affordance of a contact.", "Sec. III-E")
     rank_by: Ranking = choice("critic", "What orders grasps.", "D. 82")
 
 The option of a command, the settings file, `--set` and the reference all read this declaration.
@@ -72,6 +73,18 @@ def setting(
     largest = UNITS[unit] if high is None else high
     declared = Declaration(unit, meaning, origin, low, largest)
     return field(default=default, metadata={DECLARATION: declared})
+
+
+def count(
+    default: Default, meaning: str, origin: str, *, low: float = 1, high: float | None = None
+) -> Default:
+    """Declare a whole number of things, or a tuple of such numbers."""
+    return setting(default, "count", meaning, origin, low=low, high=high)
+
+
+def fraction(default: Default, meaning: str, origin: str) -> Default:
+    """Declare a part of a whole, 0 to 1."""
+    return setting(default, "share", meaning, origin)
 
 
 def choice(default: Default, meaning: str, origin: str) -> Default:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from pipelines.configs.dataset import MESH_SCALE
-from pipelines.configs.declaration import BY_EYE, choice, setting
+from pipelines.configs.declaration import BY_EYE, choice, count, fraction, setting
 from pipelines.configs.inference import GRIPPER_USED
 
 BootstrapUnit = Literal["frame", "scene"]
@@ -33,15 +33,15 @@ class EvaluateConfig:
     """Metrics (Sec. IV)."""
 
     min_visible_pixels: int = setting(300, "px", MIN_VISIBLE_PIXELS, BY_EYE, low=1)
-    symmetry_thresholds: tuple[float, ...] = setting(
-        (0.25, 0.134, 0.067), "share", "Dense errors up to which a symmetry is found.", "D. 11"
+    symmetry_thresholds: tuple[float, ...] = fraction(
+        (0.25, 0.134, 0.067), "Dense errors up to which a symmetry is found.", "D. 11"
     )
     sphere_threshold: float = setting(
         0.05, "m", "Distance of centres up to which a sphere is found.", "Sec. IV-E"
     )
-    min_region_share: float = setting(0.3, "share", MIN_REGION_SHARE, "D. 22")
-    min_region_iou: float = setting(
-        0.25, "share", "Overlap with a true region for its symmetries to be expected.", "D. 22"
+    min_region_share: float = fraction(0.3, MIN_REGION_SHARE, "D. 22")
+    min_region_iou: float = fraction(
+        0.25, "Overlap with a true region for its symmetries to be expected.", "D. 22"
     )
     gripper: str = choice("", GRIPPER_USED, "D. 71")
 
@@ -64,8 +64,8 @@ class CompareConfig:
     unit: BootstrapUnit = choice(
         "frame", "Unit that the bootstrap draws: frame, or scene, whose views are alike.", "D. 51"
     )
-    resamples: int = setting(2000, "count", "Draws of the bootstrap.", BY_EYE, low=1)
-    level: float = setting(0.95, "share", "Level of the intervals.", BY_EYE)
+    resamples: int = count(2000, "Draws of the bootstrap.", BY_EYE)
+    level: float = fraction(0.95, "Level of the intervals.", BY_EYE)
 
 
 @dataclass(frozen=True)
@@ -90,13 +90,13 @@ class SimulateConfig:
     stop_force: float = setting(
         30.0, "N", "Force on the approach path at which the arm stops.", "D. 48"
     )
-    convex_enough: float = setting(
-        0.98, "share", "Share of its hull's volume that makes a model one convex piece.", BY_EYE
+    convex_enough: float = fraction(
+        0.98, "Share of its hull's volume that makes a model one convex piece.", BY_EYE
     )
     concavity: float = setting(
         0.03, "factor", "Concavity of coacd's pieces.", BY_EYE, low=0.01, high=1.0
     )
-    max_pieces: int = setting(32, "count", "Most convex pieces of a model.", BY_EYE, low=1)
+    max_pieces: int = count(32, "Most convex pieces of a model.", BY_EYE)
     min_visible_pixels: int = setting(300, "px", MIN_VISIBLE_PIXELS, BY_EYE, low=1)
-    min_region_share: float = setting(0.3, "share", MIN_REGION_SHARE, "D. 22")
+    min_region_share: float = fraction(0.3, MIN_REGION_SHARE, "D. 22")
     gripper: str = choice("", GRIPPER_USED, "D. 71")

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from math import inf
 from typing import Literal
 
-from pipelines.configs.declaration import BY_EYE, choice, setting
+from pipelines.configs.declaration import BY_EYE, choice, count, fraction, setting
 from pipelines.configs.planning import (
     ROBOT,
     LimitsConfig,
@@ -64,33 +64,31 @@ class InferConfig:
         False, "Show the network the mirror image of each region too.", "D. 101"
     )
     gripper: str = choice("rg2", "Gripper: rg2, robotiq_2f85, franka, or a TOML file.", "D. 54")
-    geometric_confidence: float = setting(
-        0.4, "share", "Confidence of regions that the detector did not find.", BY_EYE
+    geometric_confidence: float = fraction(
+        0.4, "Confidence of regions that the detector did not find.", BY_EYE
     )
     min_region_pixels: int = setting(
         200, "px", "Least number of pixels of a region.", BY_EYE, low=1
     )
-    min_foreground: float = setting(
-        0.5, "share", "Share of a detection that must stand above the table.", BY_EYE
+    min_foreground: float = fraction(
+        0.5, "Share of a detection that must stand above the table.", BY_EYE
     )
     clip_detections: bool = choice(
         True, "Take from a detection the pixels that depth shows on the table.", "D. 19"
     )
-    min_uncovered: float = setting(
-        0.5, "share", "Share of a geometric region that detections must leave free.", BY_EYE
+    min_uncovered: float = fraction(
+        0.5, "Share of a geometric region that detections must leave free.", BY_EYE
     )
-    min_piece_share: float = setting(
-        0.1, "share", "Least size of each piece of a detection that is taken apart.", "D. 97"
+    min_piece_share: float = fraction(
+        0.1, "Least size of each piece of a detection that is taken apart.", "D. 97"
     )
-    min_piece_inside: float = setting(
-        0.8, "share", "Share of a geometric piece within a region without grasps.", "D. 97"
+    min_piece_inside: float = fraction(
+        0.8, "Share of a geometric piece within a region without grasps.", "D. 97"
     )
-    max_grasps_per_region: int = setting(
-        20, "count", "Most grasps of a region, no two alike.", BY_EYE, low=1
-    )
-    min_score: float = setting(0.0, "share", "Score below which grasps are left out.", ROBOT)
-    weak_below: float = setting(
-        0.3, "share", "Score below which grasps are kept, marked as not worth trying.", "D. 124"
+    max_grasps_per_region: int = count(20, "Most grasps of a region, no two alike.", BY_EYE)
+    min_score: float = fraction(0.0, "Score below which grasps are left out.", ROBOT)
+    weak_below: float = fraction(
+        0.3, "Score below which grasps are kept, marked as not worth trying.", "D. 124"
     )
     limits: LimitsConfig = field(default_factory=LimitsConfig)
     sensor: SensorConfig = field(default_factory=SensorConfig)
@@ -124,9 +122,7 @@ class WatchConfig:
 class InspectConfig:
     """Summary of a folder of frames."""
 
-    max_frames: int = setting(
-        100, "count", "Most frames to read, evenly spread over what is found.", BY_EYE, low=1
-    )
+    max_frames: int = count(100, "Most frames to read, evenly spread over what is found.", BY_EYE)
 
 
 @dataclass(frozen=True)
@@ -144,7 +140,7 @@ class WorkspaceConfig:
         "table", "Frame of a box that is given: camera or table.", ROBOT
     )
     margin: float = setting(0.05, "m", "Space around the regions.", BY_EYE)
-    max_frames: int = setting(20, "count", "Most frames to draw, the first ones.", BY_EYE, low=1)
+    max_frames: int = count(20, "Most frames to draw, the first ones.", BY_EYE)
 
 
 @dataclass(frozen=True)
@@ -160,13 +156,13 @@ class DoctorConfig:
 
     min_free_memory: float = setting(2e9, "bytes", "Memory below which to warn.", "D. 64")
     min_free_disk: float = setting(1e9, "bytes", "Disk space below which to warn.", BY_EYE)
-    max_product_error: float = setting(
-        1e-4, "share", "Error of a GPU's products, of the largest number.", BY_EYE
+    max_product_error: float = fraction(
+        1e-4, "Error of a GPU's products, of the largest number.", BY_EYE
     )
     max_shift: float = setting(0.001, "m", "Shift of a grasp, and change of its width.", "D. 76")
     max_turn: float = setting(0.035, "rad", "Turn of a grasp.", "D. 76")
-    min_agreeing: float = setting(
-        0.85, "share", "Share of the expected grasps that must be found.", "D. 76"
+    min_agreeing: float = fraction(
+        0.85, "Share of the expected grasps that must be found.", "D. 76"
     )
 
 
@@ -186,7 +182,7 @@ class ExportConfig:
         "empty for the gripper that the grasps were found for.",
         "D. 71",
     )
-    min_score: float = setting(0.0, "share", "Score below which grasps are left out.", ROBOT)
+    min_score: float = fraction(0.0, "Score below which grasps are left out.", ROBOT)
     tcp: str = choice("", TCP, ROBOT)
     frame_id: str = choice(
         "",
@@ -216,19 +212,17 @@ class ServeConfig:
     """Grasps over HTTP."""
 
     host: str = choice("127.0.0.1", "Address to listen on; by default this machine alone.", BY_EYE)
-    port: int = setting(8765, "count", "Port to listen on.", BY_EYE, low=0, high=65535)
-    parallel: int = setting(
-        4, "count", "Frames worked on at a time, a core each.", BY_EYE, low=1, high=256
-    )
-    max_waiting: int = setting(
-        32, "count", "Posts being read, waiting or worked on; more are refused.", BY_EYE, low=1
+    port: int = count(8765, "Port to listen on.", BY_EYE, low=0, high=65535)
+    parallel: int = count(4, "Frames worked on at a time, a core each.", BY_EYE, high=256)
+    max_waiting: int = count(
+        32, "Posts being read, waiting or worked on; more are refused.", BY_EYE
     )
     max_bytes: int = setting(64_000_000, "bytes", "Largest post.", BY_EYE, low=1000)
     max_pixels: int = setting(12_000_000, "px", "Largest image of a post.", BY_EYE, low=1)
     grace: int = setting(
         8, "s", "Time for frames that are begun, once the server is to end.", BY_EYE
     )
-    min_score: float = setting(0.0, "share", "Score below which grasps are left out.", ROBOT)
+    min_score: float = fraction(0.0, "Score below which grasps are left out.", ROBOT)
     tcp: str = choice("", TCP, ROBOT)
 
 
@@ -245,11 +239,7 @@ class ViewConfig:
         low=1000,
         high=700_000,
     )
-    max_grasps: int = setting(
-        4000,
-        "count",
-        "Grasps of a page, the best of each region first; 300 bytes each.",
-        BY_EYE,
-        low=1,
+    max_grasps: int = count(
+        4000, "Grasps of a page, the best of each region first; 300 bytes each.", BY_EYE
     )
     picture_width: int = setting(320, "px", "Width of the index's pictures.", BY_EYE, low=16)

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from pipelines.configs.dataset import PackConfig, SceneryConfig
-from pipelines.configs.declaration import BY_EYE, choice, setting
+from pipelines.configs.declaration import BY_EYE, choice, count, fraction, setting
 from pipelines.configs.evaluation import EvaluateConfig
 from pipelines.configs.inference import InferConfig
 from pipelines.configs.planning import ReferenceFrame
@@ -38,16 +38,14 @@ class DetectorConfig:
     enlarged: float = setting(
         1.33, "factor", "Size of images in use, by that in training.", "D. 84", low=0.1, high=10.0
     )
-    max_detections: int = setting(40, "count", "Most detections of a frame.", BY_EYE, low=1)
-    candidate_confidence: float = setting(
-        0.05, "share", "Confidence below which regions are not even drawn.", BY_EYE
+    max_detections: int = count(40, "Most detections of a frame.", BY_EYE)
+    candidate_confidence: float = fraction(
+        0.05, "Confidence below which regions are not even drawn.", BY_EYE
     )
-    min_confidence: float = setting(0.5, "share", "Least confidence of a detection.", "D. 84")
-    mask_threshold: float = setting(
-        0.5, "share", "Least probability of a mask's pixel.", "torchvision"
-    )
-    nms_threshold: float = setting(
-        0.5, "share", "Overlap of boxes beyond which the weaker is dropped.", "torchvision"
+    min_confidence: float = fraction(0.5, "Least confidence of a detection.", "D. 84")
+    mask_threshold: float = fraction(0.5, "Least probability of a mask's pixel.", "torchvision")
+    nms_threshold: float = fraction(
+        0.5, "Overlap of boxes beyond which the weaker is dropped.", "torchvision"
     )
 
 
@@ -56,19 +54,19 @@ class FinetuneDetectorConfig:
     """Training of the region detector."""
 
     detector: DetectorConfig = field(default_factory=DetectorConfig)
-    epochs: int = setting(12, "count", "Passes over the frames.", BY_EYE, low=1)
-    batch_size: int = setting(4, "count", "Frames in a step.", BY_EYE, low=1)
-    micro_batch_size: int = setting(0, "count", MICRO_BATCH_MEANING, "D. 58")
+    epochs: int = count(12, "Passes over the frames.", BY_EYE)
+    batch_size: int = count(4, "Frames in a step.", BY_EYE)
+    micro_batch_size: int = count(0, MICRO_BATCH_MEANING, "D. 58", low=0)
     learning_rate: float = setting(0.001, "factor", "Learning rate of Adam, at first.", BY_EYE)
-    decay: float = setting(0.9, "share", DECAY, BY_EYE)
-    decay_epochs: float = setting(
-        0.5, "count", "Epochs after which the learning rate drops by a tenth.", BY_EYE, low=0.01
+    decay: float = fraction(0.9, DECAY, BY_EYE)
+    decay_epochs: float = count(
+        0.5, "Epochs after which the learning rate drops by a tenth.", BY_EYE, low=0.01
     )
-    ema_decay: float = setting(0.998, "share", EMA_DECAY, BY_EYE)
+    ema_decay: float = fraction(0.998, EMA_DECAY, BY_EYE)
     min_pixels: int = setting(200, "px", "Pixels below which a region is left out.", BY_EYE, low=1)
-    frame_stride: int = setting(1, "count", "Take every n-th frame of a scene.", BY_EYE, low=1)
-    max_val_frames: int = setting(120, "count", "Most frames of a validation.", BY_EYE, low=1)
-    val_fraction: float = setting(0.1, "share", VAL_FRACTION, BY_EYE)
+    frame_stride: int = count(1, "Take every n-th frame of a scene.", BY_EYE)
+    max_val_frames: int = count(120, "Most frames of a validation.", BY_EYE)
+    val_fraction: float = fraction(0.1, VAL_FRACTION, BY_EYE)
 
 
 @dataclass(frozen=True)
@@ -79,16 +77,16 @@ class NetworkConfig:
     sees_camera: bool = choice(
         False, "Show it the direction to the camera at each point.", "D. 140"
     )
-    num_points: int = setting(1500, "count", "Points of a region.", "Sec. III-G", low=1)
-    feature_dim: int = setting(128, "count", "Features of a point.", BY_EYE, low=1)
-    set_points: tuple[int, int, int, int] = setting(
-        (384, 128, 32, 8), "count", "Points of each set abstraction level.", BY_EYE, low=1
+    num_points: int = count(1500, "Points of a region.", "Sec. III-G")
+    feature_dim: int = count(128, "Features of a point.", BY_EYE)
+    set_points: tuple[int, int, int, int] = count(
+        (384, 128, 32, 8), "Points of each set abstraction level.", BY_EYE
     )
-    set_neighbors: tuple[int, int, int, int] = setting(
-        (16, 16, 16, 32), "count", "Neighbours of each level; at the last all.", "D. 25", low=1
+    set_neighbors: tuple[int, int, int, int] = count(
+        (16, 16, 16, 32), "Neighbours of each level; at the last all.", "D. 25"
     )
-    set_strides: tuple[int, int, int, int] = setting(
-        (3, 1, 1, 1), "count", "Each level seeks neighbours among every n-th point.", "D. 25", low=1
+    set_strides: tuple[int, int, int, int] = count(
+        (3, 1, 1, 1), "Each level seeks neighbours among every n-th point.", "D. 25"
     )
     use_pift: bool = choice(True, "Deform points before aggregation (Eq. 3).", "Sec. III-E")
     pift: PIFTVariant = choice(
@@ -109,11 +107,11 @@ class AugmentationConfig:
         25.0, "deg", "Standard deviation of turns about the axis that is up, or the view.", BY_EYE
     )
     tilt_deg: float = setting(3.0, "deg", "Standard deviation of turns about the others.", BY_EYE)
-    lost_table: float = setting(
-        0.1, "share", "Share of the regions that are seen as if no table were known.", "D. 69"
+    lost_table: float = fraction(
+        0.1, "Share of the regions that are seen as if no table were known.", "D. 69"
     )
-    scale: float = setting(0.15, "share", "Largest uniform scaling.", BY_EYE)
-    mirrored: float = setting(0.5, "share", "Share of the regions that are mirrored.", BY_EYE)
+    scale: float = fraction(0.15, "Largest uniform scaling.", BY_EYE)
+    mirrored: float = fraction(0.5, "Share of the regions that are mirrored.", BY_EYE)
     jitter: float = setting(0.0005, "m", "Standard deviation of each coordinate's noise.", BY_EYE)
     principal_scale: float = setting(
         1.4, "factor", "Largest scaling, or its inverse, of the Siamese copy.", BY_EYE, low=1.0
@@ -124,32 +122,25 @@ class AugmentationConfig:
 class EndlessConfig:
     """Regions rendered while training."""
 
-    share: float = setting(
-        0.0,
-        "share",
-        "Share of a batch that is rendered; beside packed regions 0 stands for 0.5.",
-        "D. 59",
+    share: float = fraction(
+        0.0, "Share of a batch that is rendered; beside packed regions 0 stands for 0.5.", "D. 59"
     )
-    epoch_regions: int = setting(
-        20_000, "count", "Regions that make an epoch where all are rendered.", BY_EYE, low=1
-    )
-    views: int = setting(4, "count", "Views of a scene.", "D. 59", low=1)
-    regions_per_scene: int = setting(20, "count", "Regions drawn of a scene.", BY_EYE, low=1)
-    scenes_together: int = setting(
-        16, "count", "Scenes whose regions are shuffled among each other.", BY_EYE, low=1
-    )
-    min_objects: int = setting(4, "count", "Fewest objects of a scene.", BY_EYE, low=1)
-    max_objects: int = setting(9, "count", "Most objects of a scene.", BY_EYE, low=1)
+    epoch_regions: int = count(20_000, "Regions that make an epoch where all are rendered.", BY_EYE)
+    views: int = count(4, "Views of a scene.", "D. 59")
+    regions_per_scene: int = count(20, "Regions drawn of a scene.", BY_EYE)
+    scenes_together: int = count(16, "Scenes whose regions are shuffled among each other.", BY_EYE)
+    min_objects: int = count(4, "Fewest objects of a scene.", BY_EYE)
+    max_objects: int = count(9, "Most objects of a scene.", BY_EYE)
     width: int = setting(640, "px", "Width of the images.", BY_EYE, low=1)
     height: int = setting(480, "px", "Height of the images.", BY_EYE, low=1)
-    perfect_share: float = setting(0.1, "share", "Share of the views without sensor noise.", BY_EYE)
-    occluders: float = setting(
-        0.25, "share", "Share of the views with an object held before the others.", "D. 59"
+    perfect_share: float = fraction(0.1, "Share of the views without sensor noise.", BY_EYE)
+    occluders: float = fraction(
+        0.25, "Share of the views with an object held before the others.", "D. 59"
     )
-    mask_leaks: float = setting(
-        0.15, "share", "Share of the masks that take in a part of a neighbour.", BY_EYE
+    mask_leaks: float = fraction(
+        0.15, "Share of the masks that take in a part of a neighbour.", BY_EYE
     )
-    mask_cuts: float = setting(0.1, "share", "Share of the masks that are cut off.", BY_EYE)
+    mask_cuts: float = fraction(0.1, "Share of the masks that are cut off.", BY_EYE)
     pack: PackConfig = field(default_factory=PackConfig)
     scenery: SceneryConfig = field(default_factory=SceneryConfig)
 
@@ -159,19 +150,15 @@ class TrainConfig:
     """Training of the grasp network (Sec. III-G)."""
 
     network: NetworkConfig = field(default_factory=NetworkConfig)
-    batch_size: int = setting(36, "count", "Regions in a step.", "Sec. III-G", low=1)
+    batch_size: int = count(36, "Regions in a step.", "Sec. III-G")
     learning_rate: float = setting(
         0.001, "factor", "Learning rate of Adam, at first.", "Sec. III-G"
     )
-    decay: float = setting(0.9, "share", DECAY, "Sec. III-G")
-    decay_epochs: float = setting(
-        2.0,
-        "count",
-        "Epochs after which the learning rate drops by a tenth.",
-        "Sec. III-G",
-        low=0.01,
+    decay: float = fraction(0.9, DECAY, "Sec. III-G")
+    decay_epochs: float = count(
+        2.0, "Epochs after which the learning rate drops by a tenth.", "Sec. III-G", low=0.01
     )
-    epochs: int = setting(40, "count", "Passes over the regions.", BY_EYE, low=1)
+    epochs: int = count(40, "Passes over the regions.", BY_EYE)
     weight_feature: float = setting(
         8.0, "weight", "w^f; the paper has 1, for another L^f.", "D. 96"
     )
@@ -192,35 +179,31 @@ class TrainConfig:
     use_siamese: bool = choice(
         True, "Ask for the same features in a scaled copy (Fig. 3).", "Sec. III-E"
     )
-    num_loss_points: int = setting(
-        384, "count", "Points of a region that the loss is taken at.", "D. 113", low=1
-    )
-    micro_batch_size: int = setting(0, "count", MICRO_BATCH_MEANING, "D. 58")
-    ema_decay: float = setting(0.998, "share", EMA_DECAY, "D. 113")
+    num_loss_points: int = count(384, "Points of a region that the loss is taken at.", "D. 113")
+    micro_batch_size: int = count(0, MICRO_BATCH_MEANING, "D. 58", low=0)
+    ema_decay: float = fraction(0.998, EMA_DECAY, "D. 113")
     augmentation: AugmentationConfig = field(default_factory=AugmentationConfig)
     endless: EndlessConfig = field(default_factory=EndlessConfig)
-    val_fraction: float = setting(0.1, "share", VAL_FRACTION, BY_EYE)
+    val_fraction: float = fraction(0.1, VAL_FRACTION, BY_EYE)
 
 
 @dataclass(frozen=True)
 class TrainCriticConfig:
     """Training of the critics of axes, planes and grasps."""
 
-    frame_stride: int = setting(1, "count", "Take every n-th frame of a scene.", BY_EYE, low=1)
-    max_grasps: int = setting(64, "count", "Most grasps of a region and pass.", "D. 82", low=1)
-    epochs: int = setting(12, "count", "Passes over the candidates.", BY_EYE, low=1)
-    batch_size: int = setting(256, "count", "Candidates in a step, about.", BY_EYE, low=1)
+    frame_stride: int = count(1, "Take every n-th frame of a scene.", BY_EYE)
+    max_grasps: int = count(64, "Most grasps of a region and pass.", "D. 82")
+    epochs: int = count(12, "Passes over the candidates.", BY_EYE)
+    batch_size: int = count(256, "Candidates in a step, about.", BY_EYE)
     learning_rate: float = setting(0.002, "factor", "Learning rate of Adam, at first.", BY_EYE)
-    decay: float = setting(0.9, "share", DECAY, BY_EYE)
-    decay_epochs: float = setting(
-        0.3, "count", "Epochs after which the learning rate drops by a tenth.", BY_EYE, low=0.01
+    decay: float = fraction(0.9, DECAY, BY_EYE)
+    decay_epochs: float = count(
+        0.3, "Epochs after which the learning rate drops by a tenth.", BY_EYE, low=0.01
     )
-    ema_decay: float = setting(0.998, "share", EMA_DECAY, BY_EYE)
-    point_share: float = setting(
-        0.75, "share", "Share of a candidate's points that a step sees.", BY_EYE
-    )
+    ema_decay: float = fraction(0.998, EMA_DECAY, BY_EYE)
+    point_share: float = fraction(0.75, "Share of a candidate's points that a step sees.", BY_EYE)
     jitter: float = setting(0.01, "factor", "Noise of points, in the features' unit.", BY_EYE)
-    dropout: float = setting(0.2, "share", "Share of hidden numbers that are dropped.", BY_EYE)
+    dropout: float = fraction(0.2, "Share of hidden numbers that are dropped.", BY_EYE)
     weight_choice: float = setting(
         1.0, "weight", "Loss of the choice among a region's grasps, by that of each.", "D. 86"
     )

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from math import inf, pi
 from typing import Literal
 
-from pipelines.configs.declaration import BY_EYE, choice, setting
+from pipelines.configs.declaration import BY_EYE, choice, count, fraction, setting
 
 RankingMethod = Literal["critic", "eq8"]
 ReferenceFrame = Literal["camera", "table"]
@@ -37,17 +37,17 @@ class SymmetryConfig:
         "Source of the symmetries that are fitted: the network, the region's shape, or both.",
         "D. 65, D. 140",
     )
-    min_existence: float = setting(
-        0.5, "share", "Least existence of a symmetry that is not fitted.", "D. 4"
+    min_existence: float = fraction(
+        0.5, "Least existence of a symmetry that is not fitted.", "D. 4"
     )
-    min_confidence: float = setting(
-        0.2, "share", "Least confidence of a fitted symmetry that grasps rest on.", "D. 66, D. 85"
+    min_confidence: float = fraction(
+        0.2, "Least confidence of a fitted symmetry that grasps rest on.", "D. 66, D. 85"
     )
-    min_completion_confidence: float = setting(
-        0.5, "share", "Least confidence of a symmetry that completes the unseen side.", "D. 32"
+    min_completion_confidence: float = fraction(
+        0.5, "Least confidence of a symmetry that completes the unseen side.", "D. 32"
     )
-    min_neighbour_confidence: float = setting(
-        0.3, "share", "The same of a neighbour's, whose completed side is an obstacle.", "D. 85"
+    min_neighbour_confidence: float = fraction(
+        0.3, "The same of a neighbour's, whose completed side is an obstacle.", "D. 85"
     )
 
     @property
@@ -60,19 +60,15 @@ class SymmetryConfig:
 class CandidateConfig:
     """Contact pairs of a region and the approaches to try at each (Sec. III-E, III-F)."""
 
-    min_affordance: float = setting(
-        0.5, "share", "Least affordance of a point that a grasp is planned from.", "Sec. III-F"
+    min_affordance: float = fraction(
+        0.5, "Least affordance of a point that a grasp is planned from.", "Sec. III-F"
     )
-    max_pairs: int = setting(256, "count", "Contact pairs tried in a region.", "D. 85", low=1)
+    max_pairs: int = count(256, "Contact pairs tried in a region.", "D. 85")
     pair_spacing: float = setting(
         0.006, "m", "Least distance between the first contacts of pairs that are tried.", "D. 85"
     )
-    num_approach_angles: int = setting(
-        12,
-        "count",
-        "Approach directions tried about a contact line, M of Sec. III-F.",
-        BY_EYE,
-        low=1,
+    num_approach_angles: int = count(
+        12, "Approach directions tried about a contact line, M of Sec. III-F.", BY_EYE
     )
 
 
@@ -108,8 +104,8 @@ class FeasibilityConfig:
     body_margin: float = setting(
         0.001, "m", "Distance that the gripper's bodies are enlarged by.", "D. 101"
     )
-    max_points_inside: int = setting(
-        2, "count", "Measured points that a body may hold, as noise.", "D. 87"
+    max_points_inside: int = count(
+        2, "Measured points that a body may hold, as noise.", "D. 87", low=0
     )
     approach_distance: float = setting(
         0.10, "m", "Length of the approach path that must be free.", "D. 77"
@@ -117,9 +113,7 @@ class FeasibilityConfig:
     opening_margins: tuple[float, ...] = setting(
         (0.008, 0.004), "m", "Opening margins to try, the largest first.", "D. 92"
     )
-    opening_margin_share: float = setting(
-        0.25, "share", "Largest opening margin, of the width.", "D. 102"
-    )
+    opening_margin_share: float = fraction(0.25, "Largest opening margin, of the width.", "D. 102")
 
 
 @dataclass(frozen=True)
@@ -137,17 +131,17 @@ class RankingConfig:
     )
     weight_clearance: float = setting(1.0, "weight", "w^b of Eq. 8.", "Sec. III-G")
     weight_height: float = setting(5.0, "weight", "w^h of Eq. 8.", "Sec. III-G")
-    weight_unseen: float = setting(
-        0.9, "share", "Share of Eq. 8 lost where the finger tips' space is all unseen.", "D. 68"
+    weight_unseen: float = fraction(
+        0.9, "Share of Eq. 8 lost where the finger tips' space is all unseen.", "D. 68"
     )
-    max_ranked: int = setting(
-        96, "count", "Grasps of a region and pass that are ranked, the most stable.", "D. 82", low=1
+    max_ranked: int = count(
+        96, "Grasps of a region and pass that are ranked, the most stable.", "D. 82"
     )
-    min_stability: float = setting(
-        0.85, "share", "Least stability for Eq. 8, of the best candidate's.", "D. 28"
+    min_stability: float = fraction(
+        0.85, "Least stability for Eq. 8, of the best candidate's.", "D. 28"
     )
-    critic_min_stability: float = setting(
-        0.6, "share", "Least stability for the grasp critic, of the best candidate's.", "D. 82"
+    critic_min_stability: float = fraction(
+        0.6, "Least stability for the grasp critic, of the best candidate's.", "D. 82"
     )
     half_torque_arm: float = setting(
         0.09, "m", "Lever of the weight that halves a score.", "D. 143", low=1e-3
@@ -158,8 +152,8 @@ class RankingConfig:
     nms_angle: float = setting(
         pi / 6, "rad", "Angle below which grasps of a region are alike, as GraspNet's.", "D. 78"
     )
-    sufficient: float = setting(
-        0.6, "share", "Expected quality from which no other kind of grasps is tried.", "D. 82"
+    sufficient: float = fraction(
+        0.6, "Expected quality from which no other kind of grasps is tried.", "D. 82"
     )
 
     @property

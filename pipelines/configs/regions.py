@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from pipelines.configs.declaration import BY_EYE, choice, setting
+from pipelines.configs.declaration import BY_EYE, choice, fraction, setting
 
 
 @dataclass(frozen=True)
@@ -19,8 +19,8 @@ class ColorConfig:
     deviations: float = setting(
         3.5, "factor", "The same difference, by the standard deviation of the table.", BY_EYE
     )
-    window: float = setting(
-        0.25, "share", "Side of the window of the table's mean colour, of the image.", BY_EYE
+    window: float = fraction(
+        0.25, "Side of the window of the table's mean colour, of the image.", BY_EYE
     )
     min_pixels: int = setting(150, "px", "Least number of pixels of a piece.", BY_EYE, low=1)
     max_slenderness: float = setting(
@@ -29,8 +29,8 @@ class ColorConfig:
     min_thickness: float = setting(
         7.0, "px", "Least width of a thing where it is widest; a cable has less.", BY_EYE
     )
-    min_confined: float = setting(
-        0.6, "share", "Share of a region within a piece of colour that may complete it.", BY_EYE
+    min_confined: float = fraction(
+        0.6, "Share of a region within a piece of colour that may complete it.", BY_EYE
     )
     max_low: float = setting(
         2.5,
@@ -38,8 +38,8 @@ class ColorConfig:
         "Height by that of noise up to which a region continues where the table is measured.",
         BY_EYE,
     )
-    min_convexity: float = setting(
-        0.9, "share", "Share of its convex outline that joins the low regions of a piece.", BY_EYE
+    min_convexity: float = fraction(
+        0.9, "Share of its convex outline that joins the low regions of a piece.", BY_EYE
     )
 
 
@@ -57,8 +57,8 @@ class RegionConfig:
         "Distance from the support plane, in inverse depth; metres at one metre.",
         "D. 30",
     )
-    min_plane_share: float = setting(
-        0.08, "share", "Share of the near pixels below which a plane supports nothing.", BY_EYE
+    min_plane_share: float = fraction(
+        0.08, "Share of the near pixels below which a plane supports nothing.", BY_EYE
     )
     min_support_area: float = setting(
         0.008, "m2", "Seen area below which a plane is a finger before the lens.", "D. 106"
@@ -81,14 +81,11 @@ class RegionConfig:
     max_cut_height: float = setting(
         0.05, "m", "Height up to which such a thing, a book say, may be as large as any.", BY_EYE
     )
-    min_over_support: float = setting(
-        0.25, "share", "Share of a thing that lies over the support's visible extent.", "D. 132"
+    min_over_support: float = fraction(
+        0.25, "Share of a thing that lies over the support's visible extent.", "D. 132"
     )
-    min_support_behind: float = setting(
-        0.02,
-        "share",
-        "Share of the support behind a large steep surface; a wall has less.",
-        "D. 132",
+    min_support_behind: float = fraction(
+        0.02, "Share of the support behind a large steep surface; a wall has less.", "D. 132"
     )
     max_border: float = setting(
         3.0,
@@ -99,8 +96,8 @@ class RegionConfig:
     max_floating: float = setting(
         0.05, "m", "Largest gap between the table and the lowest visible part.", "D. 110"
     )
-    depth_step: float = setting(
-        0.012, "share", "Step between neighbours that parts surfaces, of their depth.", "D. 30"
+    depth_step: float = fraction(
+        0.012, "Step between neighbours that parts surfaces, of their depth.", "D. 30"
     )
     normal_radius: int = setting(4, "px", "Radius that normals are smoothed over.", BY_EYE, low=1)
     crease_fold: float = setting(

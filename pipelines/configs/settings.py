@@ -20,21 +20,13 @@ UNDECLARED = Declaration("", "", "", float("-inf"), float("inf"))
 
 @dataclass(frozen=True)
 class Setting:
-    """One setting of a config.
+    """One setting of a config."""
 
-    Attributes:
-        name: dotted, as `selection.ranking.by`.
-        value: the config's.
-        default: the value if nobody changes it.
-        declared: its type.
-        declaration: unit, meaning, origin and range.
-    """
-
-    name: str
-    value: Any
-    default: Any
-    declared: Any
-    declaration: Declaration
+    name: str  # dotted, as `selection.ranking.by`
+    value: Any  # the config's
+    default: Any  # the value if nobody changes it
+    declared: Any  # its type
+    declaration: Declaration  # unit, meaning, origin and range
 
     @property
     def choices(self) -> tuple[str, ...]:
@@ -85,9 +77,9 @@ def changed(
             continue
         now = _before(RENAMED, config).get(name, name)
         replaced = _before(RENAMED_VALUES, config).get(now, {})
-        config = _Change(config, now, where, option or f"{where}{now}").made(
-            replaced.get(value, value) if isinstance(value, str) else value
-        )
+        wanted = replaced.get(value, value) if isinstance(value, str) else value
+        change = _Change(config, now, where, option or f"{where}{now}")
+        config = change.made(config, now.split("."), wanted)
     return config
 
 
@@ -157,16 +149,13 @@ class _Change:
     where: str
     shown: str
 
-    def made(self, value: object) -> Any:  # noqa: ANN401 - a config
-        return self._within(self.root, self.name.split("."), value)
-
-    def _within(self, table: Any, path: list[str], value: object) -> Any:  # noqa: ANN401 - configs
+    def made(self, table: Any, path: list[str], value: object) -> Any:  # noqa: ANN401 - configs
         head, *rest = path
         types, inner = types_of(type(table)), getattr(table, head, None)
         if head not in types or (rest and not is_dataclass(inner)):
             raise self._unknown(table)
         if rest:
-            return replace(table, **{head: self._within(inner, rest, value)})
+            return replace(table, **{head: self.made(inner, rest, value)})
         if is_dataclass(inner):
             if value == {}:
                 return table

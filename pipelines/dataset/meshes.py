@@ -76,8 +76,7 @@ def read_mesh(path: Path, scale: float = 1.0) -> Mesh:
     loaded.merge_vertices(merge_tex=True, merge_norm=True)
     faces = np.asarray(loaded.faces, dtype=np.int64)
     mesh = Mesh(scale * np.asarray(loaded.vertices, dtype=np.float64), faces)
-    warning = size_warning(mesh, path)
-    if warning:
+    if warning := size_warning(mesh, path):
         log.warning("%s", warning)
     return mesh
 

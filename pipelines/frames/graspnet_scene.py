@@ -241,11 +241,8 @@ def _read_object(path: Path, element: ElementTree.Element) -> ObjectPose:
     texts = {child.tag: (child.text or "").strip() for child in element}
     missing = [field for field in NEEDED_FIELDS if field not in texts]
     if missing:
-        raise FormatError(
-            path,
-            f"<{element.tag}> lacks {', '.join(missing)}",
-            f"an object has {', '.join(POSE_FIELDS)}",
-        )
+        found = f"<{element.tag}> lacks {', '.join(missing)}"
+        raise FormatError(path, found, f"an object has {', '.join(POSE_FIELDS)}")
     try:
         position = np.array(texts["pos_in_world"].split(), dtype=np.float64).reshape(3)
         quaternion = np.array(texts["ori_in_world"].split(), dtype=np.float64).reshape(4)
@@ -257,11 +254,8 @@ def _read_object(path: Path, element: ElementTree.Element) -> ObjectPose:
     length = float(np.linalg.norm(quaternion))
     # Written so that nan fails too.
     if not (abs(length - 1.0) <= RIGID_TOLERANCE and np.isfinite(position).all()):
-        raise FormatError(
-            path,
-            f"the pose of object {object_id} is no rigid transform",
-            "3 finite metres, a quaternion of length 1",
-        )
+        found = f"the pose of object {object_id} is no rigid transform"
+        raise FormatError(path, found, "3 finite metres, a quaternion of length 1")
     pose = make_pose(quaternion_to_matrix(quaternion), position)
     return ObjectPose(object_id, pose, texts.get("obj_name", "").removesuffix(".ply"))
 

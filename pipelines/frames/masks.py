@@ -58,9 +58,6 @@ def _places_in_palette(path: Path) -> NDArray[np.uint8]:
 def _grey(path: Path, stored: NDArray[Any]) -> NDArray[Any]:
     """Return the one channel (H, W) that all of `stored` (H, W, 3) repeat."""
     if (stored != stored[:, :, :1]).any():
-        raise FormatError(
-            path,
-            f"has {stored.shape[2]} channels that differ",
-            "instance ids in one channel, or in the palette's places, are expected",
-        )
+        expected = "instance ids in one channel, or in the palette's places, are expected"
+        raise FormatError(path, f"has {stored.shape[2]} channels that differ", expected)
     return stored[:, :, 0]

@@ -26,7 +26,7 @@ def parse_workspace(text: str | None) -> tuple[tuple[float, ...], Path | None]:
     try:
         box = tuple(float(part) for part in re.split(r"[,\s]+", text.strip()))
     except ValueError:
-        raise ValueRangeError("--workspace", text, FORMS) from None
+        box = ()
     if len(box) != 6:
         raise ValueRangeError("--workspace", text, FORMS)
     return box, None

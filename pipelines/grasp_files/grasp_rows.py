@@ -35,17 +35,11 @@ VERDICT_ARRAYS = (
 
 @dataclass(frozen=True)
 class GraspRows:
-    """Rows of a file.
+    """Rows of a file."""
 
-    Attributes:
-        rows: (n, 17) float64; those that are no grasps are zero but for a unit rotation.
-        faults: which rows are no grasps, with the reason.
-        straightened: (n,) whose rotations were a little off and have been made exact.
-    """
-
-    rows: Array
-    faults: dict[int, str]
-    straightened: Mask
+    rows: Array  # (n, 17) float64; those that are no grasps are zero but for a unit rotation
+    faults: dict[int, str]  # which rows are no grasps, with the reason
+    straightened: Mask  # (n,) whose rotations were a little off and have been made exact
 
 
 def read_grasp_rows(
@@ -66,21 +60,22 @@ def read_grasp_rows(
     if max_width is not None:
         stored[:, 1] = np.clip(stored[:, 1], 0.0, max_width)
     rows = stored.astype(np.float64)
-    broken = np.flatnonzero(~np.isfinite(rows).all(axis=1))
-    faults = {int(i): "holds numbers that are not finite" for i in broken}
     rotation = np.where(np.isfinite(rows[:, 4:13]), rows[:, 4:13], 0.0).reshape(-1, 3, 3)
     nearest = nearest_orthogonal(rotation)
     skew = np.abs(nearest - rotation).max(axis=(1, 2))
     wrong = (skew > max_skew) | (np.linalg.det(nearest) < 0.0)
-    for row in np.flatnonzero(wrong).tolist():
-        faults.setdefault(row, "has no rotation in columns 4 to 12")
+    found = {
+        "holds numbers that are not finite": ~np.isfinite(rows).all(axis=1),
+        "has no rotation in columns 4 to 12": wrong,
+        "has a negative width": ~(rows[:, 1] >= 0.0),
+        "holds lengths beyond a thousand kilometres": (abs(rows[:, LENGTHS]) > FARTHEST).any(1),
+    }
+    faults: dict[int, str] = {}
+    for fault, has_it in found.items():
+        for row in np.flatnonzero(has_it).tolist():
+            faults.setdefault(row, fault)
     rounded = (skew > SAME) & ~wrong
     rows[rounded, 4:13] = nearest[rounded].reshape(-1, 9)
-    for row in np.flatnonzero(~(rows[:, 1] >= 0.0)).tolist():
-        faults.setdefault(row, "has a negative width")
-    far = (np.abs(rows[:, LENGTHS]) > FARTHEST).any(axis=1)
-    for row in np.flatnonzero(far).tolist():
-        faults.setdefault(row, "holds lengths beyond a thousand kilometres")
     for row in faults:
         rows[row] = 0.0
         rows[row, 4:13] = np.eye(3).ravel()

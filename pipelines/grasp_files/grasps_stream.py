@@ -13,6 +13,7 @@ from typing import Any
 
 import h5py
 import numpy as np
+from h5py import h5d, h5g
 
 from pipelines.configs.inference import FRAME_PEERS
 from pipelines.contents import mapping_in
@@ -20,26 +21,31 @@ from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_layout import FrameFiles, SceneFiles, frame_key
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.grasp_files.grasps_file import (
+    FORMAT_VERSION,
     UNITS,
     file_attributes,
     opened,
     read_result,
+    read_shard,
+    stored_intrinsics,
     write_attributes,
 )
-from pipelines.grasp_files.grasps_shards import shard_sizes, shard_tables
 from pipelines.grasp_files.grasps_tables import (
     NO_FRAMES,
     FrameResult,
+    GraspTable,
+    RegionTable,
     Tables,
     joined_tables,
     tables_of,
 )
-from pipelines.storage.files import real_path
-from pipelines.storage.h5_columns import json_attributes, make_column, read_columns
-from pipelines.storage.h5_files import new_h5
+from pipelines.storage.files import DAMAGED, real_path
+from pipelines.storage.h5_columns import json_attributes, make_column, read_alike, read_columns
+from pipelines.storage.h5_files import new_h5, open_h5
 from pipelines.storage.provenance import Stamp
 
 DEFAULT_GRIPPER = "rg2"
+COUNTED = ("regions/frame", "grasps/frame", "regions/mask_counts")
 BATCH = 64  # frames in memory while shards are put together
 
 
@@ -160,7 +166,9 @@ def merge_shards(
         done = dict.fromkeys(sizes, 0)
         for start in range(0, len(parts), BATCH):
             check()
-            _fill(file, joined_tables([_tables(p) for p in parts[start : start + BATCH]]), done)
+            batch = parts[start : start + BATCH]
+            tables = [shard_tables(p) if isinstance(p, Path) else tables_of([p]) for p in batch]
+            _fill(file, joined_tables(tables), done)
 
 
 def _sizes(parts: Sequence[FrameResult | Path], check: Callable[[], None]) -> dict[str, int]:
@@ -168,17 +176,70 @@ def _sizes(parts: Sequence[FrameResult | Path], check: Callable[[], None]) -> di
     sizes = np.zeros(3, np.int64)
     for part in parts:
         check()
-        sizes += shard_sizes(part) if isinstance(part, Path) else _size(part)
+        if isinstance(part, Path):
+            sizes += shard_sizes(part)
+        else:
+            sizes += len(part.regions), len(part.grasps), len(part.regions.mask_counts)
     names = ("regions", "grasps", "mask_counts")
     return {"frames": len(parts), **dict(zip(names, sizes.tolist(), strict=True))}
 
 
-def _size(result: FrameResult) -> tuple[int, ...]:
-    return len(result.regions), len(result.grasps), len(result.regions.mask_counts)
+def shard_sizes(path: Path) -> tuple[int, ...]:
+    """Return how many regions, grasps and runs of masks a shard holds; the rest is not looked at.
+
+    Raises:
+        FormatError: the shard is damaged.
+    """
+    try:
+        with open_h5(path) as file:
+            return tuple(int(h5d.open(file.id, name.encode()).shape[0]) for name in COUNTED)
+    except DAMAGED:
+        with opened(path) as file:
+            return tuple(len(file[name]) for name in COUNTED)
 
 
-def _tables(part: FrameResult | Path) -> Tables:
-    return shard_tables(part) if isinstance(part, Path) else tables_of([part])
+def shard_tables(path: Path) -> Tables:
+    """Return the columns of one frame's shard, as `tables_of` gives them for that frame.
+
+    A shard that is just as `grasps_file.write` leaves it is read by HDF5's own handles, several
+    times faster than a frame. Any other is left to `read_shard`, which takes what can be taken, or
+    says what is wrong.
+
+    Raises:
+        FormatError: as `read_shard`.
+    """
+    try:
+        with open_h5(path) as file:
+            tables = _columns_of_shard(file)
+    except (*DAMAGED, SymgraspError):
+        tables = None
+    return tables or tables_of([read_shard(path)])
+
+
+def _columns_of_shard(file: h5py.File) -> Tables | None:
+    """Return the columns of a shard of this version; None if something about them is otherwise.
+
+    Raises:
+        SymgraspError: they disagree.
+    """
+    attrs = file_attributes(file)  # all of them: what cannot be read is damaged
+    if int(attrs["format_version"]) != FORMAT_VERSION:
+        return None
+    tables: Tables = {}
+    for group, examples in NO_FRAMES.items():
+        columns = read_alike(h5g.open(file.id, group.encode()), examples)
+        if columns is None:
+            return None
+        tables[group] = columns
+    frames, regions, grasps = tables.values()
+    rows = {len(column) for column in grasps.values()}
+    if len(rows) > 1 or any(len(column) != 1 for column in frames.values()):
+        return None
+    tables_of_frame = RegionTable(**regions), GraspTable(**grasps)
+    camera = stored_intrinsics(frames["size"][0], frames["intrinsics"][0])
+    FrameResult("", frames["status"][0], "", camera, 0.0, *tables_of_frame)
+    is_alike = camera and not regions["frame"].any() and not grasps["frame"].any()
+    return tables if is_alike else None
 
 
 def _make_columns(file: h5py.File, sizes: Mapping[str, int]) -> None:

@@ -75,8 +75,8 @@ class RegionTable(ColumnTable):
     @classmethod
     def empty(cls) -> "RegionTable":
         """Return a table of no regions."""
-        columns: dict[str, Any] = {name: NO_COLUMN for name in cls.SPEC}
-        return cls(**columns, mask_counts=NO_COLUMN, mask_start=np.zeros(1))
+        columns = dict.fromkeys((*cls.SPEC, "mask_counts"), NO_COLUMN)
+        return cls(**columns, mask_start=np.zeros(1))
 
     def __len__(self) -> int:
         return len(self.box)
@@ -127,8 +127,7 @@ class GraspTable(ColumnTable):
     @classmethod
     def empty(cls) -> "GraspTable":
         """Return a table of no grasps."""
-        columns: dict[str, Any] = {name: NO_COLUMN for name in cls.SPEC}
-        return cls(**columns)
+        return cls(**dict.fromkeys(cls.SPEC, NO_COLUMN))
 
     def __len__(self) -> int:
         return len(self.width)
@@ -155,11 +154,7 @@ class FrameTable(ColumnTable):
 
 SCHEMA: dict[str, ColumnSpec] = {
     "frames": FrameTable.SPEC,
-    "regions": {
-        **RegionTable.SPEC,
-        "mask_counts": ((), np.uint32),
-        "mask_start": ((), np.int64),
-    },
+    "regions": {**RegionTable.SPEC, "mask_counts": ((), np.uint32), "mask_start": ((), np.int64)},
     "grasps": GraspTable.SPEC,
 }
 NO_FRAMES: Tables = {

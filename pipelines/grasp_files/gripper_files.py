@@ -64,10 +64,7 @@ def load_gripper(name_or_path: str) -> Gripper:
     names = {field.name for field in fields(Gripper)}
     if set(content) != names:
         wrong = sorted(set(content) ^ names)
-        raise FormatError(
-            path,
-            f"{', '.join(wrong)[:LONGEST_REASON]} are missing or unknown",
-            f"the keys are {', '.join(sorted(names))}",
-        )
+        found = f"{', '.join(wrong)[:LONGEST_REASON]} are missing or unknown"
+        raise FormatError(path, found, f"the keys are {', '.join(sorted(names))}")
     with reading(path, "a measure", "metres, as in pipelines/grippers"):
         return Gripper(**content)

@@ -66,11 +66,11 @@ def total_loss(
     )
     errors = slot_errors(prediction, matched, points)
     is_right = errors < RIGHT if config.existence == "right" else None
-    existence_terms = existence_loss(prediction.existence, matched, is_right)
-    existence = (weight * existence_terms).sum(-1) @ labelled
-    parameter_terms = (errors * matched.existence[:, None]).sum(-1)
-    parameters = (weight * parameter_terms).sum(-1) @ labelled
-    existence, parameters = existence / len(labelled), parameters / len(labelled)
+    of_points = (
+        existence_loss(prediction.existence, matched, is_right),
+        (errors * matched.existence[:, None]).sum(-1),
+    )
+    existence, parameters = ((weight * e).sum(-1) @ labelled / len(labelled) for e in of_points)
     symmetry = config.weight_existence * existence + config.weight_parameters * parameters
     total = (
         config.weight_feature * feature
@@ -185,14 +185,8 @@ def slot_errors(
         predicted = prediction.direction[:, :, slot], prediction.center[:, :, slot]
         scale = torch.maximum(extent(points, direction, center), smallest)
         losses.append(error(points, *predicted, direction, center) / scale[:, None])
-    losses.append(_sphere_loss(prediction, truth, points, smallest))
-    return torch.stack(losses, -1)
-
-
-def _sphere_loss(
-    prediction: Prediction, truth: RegionBatch, points: Tensor, smallest: Tensor
-) -> Tensor:
     center = truth.center[:, None, SPHERE_SLOT]
     radius = torch.maximum((points - center).norm(dim=-1).amax(-1), smallest)
     offset = prediction.center[:, :, SPHERE_SLOT] - center
-    return offset.square().sum(-1) / radius[:, None].square()
+    losses.append(offset.square().sum(-1) / radius[:, None].square())
+    return torch.stack(losses, -1)

@@ -28,9 +28,14 @@ def match_reflections(
     """
     stride = max(1, normal.shape[1] // MAX_MATCHED)
     normal, center, weight = normal[:, ::stride], center[:, ::stride], weight[:, ::stride]
-    cost = torch.stack(
-        [_costs_of_plane(truth, plane, points, normal, center, weight) for plane in range(3)], -1
-    )  # (B, slot, plane)
+    planes = range(NUM_REFLECTIONS)
+    errors = [
+        reflection_errors(points, normal[:, :, slot], center[:, :, slot], *true)
+        for slot in planes
+        for true in ((truth.direction[:, plane], truth.center[:, plane]) for plane in planes)
+    ]
+    costs = torch.stack([(error * weight).sum(-1) for error in errors], -1)
+    cost = costs.view(-1, NUM_REFLECTIONS, NUM_REFLECTIONS)  # (B, slot, plane)
     existing = truth.existence[:, None, :NUM_REFLECTIONS] > 0
     # An absent plane costs the same everywhere: it takes the slots that the others leave.
     order = assign(torch.where(existing, cost, 0.0))
@@ -43,23 +48,6 @@ def match_reflections(
         center=truth.center.gather(1, rows),
         direction=truth.direction.gather(1, rows),
     )
-
-
-def _costs_of_plane(
-    truth: RegionBatch, plane: int, points: Tensor, normal: Tensor, center: Tensor, weight: Tensor
-) -> Tensor:
-    """Return the costs (B, slot) of one true plane in each slot, any length unit."""
-    errors = [
-        reflection_errors(
-            points,
-            normal[:, :, slot],
-            center[:, :, slot],
-            truth.direction[:, plane],
-            truth.center[:, plane],
-        )
-        for slot in range(NUM_REFLECTIONS)
-    ]
-    return torch.stack([(error * weight).sum(-1) for error in errors], -1)
 
 
 def assign(cost: Tensor) -> Tensor:

@@ -17,19 +17,12 @@ MIRROR: Singles = np.diag([-1.0, 1.0, 1.0]).astype(np.float32)
 
 @dataclass(frozen=True)
 class RegionOutputs:
-    """The network's output for B regions of N points, M of which vote for symmetries.
+    """The network's output for B regions of N points, M of which vote for symmetries."""
 
-    Attributes:
-        affordance: (B, N).
-        existence: (B, M, 5) probabilities.
-        center: (B, M, 5, 3) metres.
-        direction: (B, M, 5, 3) unit; zeros for the sphere.
-    """
-
-    affordance: Singles
-    existence: Singles
-    center: Singles
-    direction: Singles
+    affordance: Singles  # (B, N)
+    existence: Singles  # (B, M, 5) probabilities
+    center: Singles  # (B, M, 5, 3) metres
+    direction: Singles  # (B, M, 5, 3) unit; zeros for the sphere
 
     def mirrored(self) -> "RegionOutputs":
         """Return the same in the mirror image of the frame."""

@@ -23,34 +23,22 @@ SET_DIMS = ((32, 64, 64), (64, 128, 128), (128, 192, 192), (192, 256, 256))
 
 @dataclass(frozen=True)
 class Prediction:
-    """Output of the network for each of N points, M of which vote for symmetries.
+    """Output of the network for each of N points, M of which vote for symmetries."""
 
-    Attributes:
-        features: (B, N, 128), f_j.
-        affordance: (B, N), a_j, trained towards [0, 1] but not confined to it.
-        existence: (B, M, 5) logits of c_jk; slots 0-2 reflection, 3 rotation, 4 sphere.
-        center: (B, M, 5, 3) metres, in the frame of the input points.
-        direction: (B, M, 5, 3) unit normals and axes; zeros for the sphere.
-    """
-
-    features: Tensor
-    affordance: Tensor
-    existence: Tensor
-    center: Tensor
-    direction: Tensor
+    features: Tensor  # (B, N, 128), f_j
+    affordance: Tensor  # (B, N), a_j, trained towards [0, 1] but not confined to it
+    existence: Tensor  # (B, M, 5) logits of c_jk; slots 0-2 reflection, 3 rotation, 4 sphere
+    center: Tensor  # (B, M, 5, 3) metres, in the frame of the input points
+    direction: Tensor  # (B, M, 5, 3) unit normals and axes; zeros for the sphere
 
 
 @dataclass(frozen=True)
 class PointFeatures:
-    """Features of Q points of each of B clouds.
+    """Features of Q points of each of B clouds."""
 
-    Attributes:
-        values: (B, Q, 128), f_j.
-        deformation: of the first level, in whose frame points are seen and symmetries predicted;
-            None where that is the frame of the input.
-    """
-
-    values: Tensor
+    values: Tensor  # (B, Q, 128), f_j
+    # Of the first level, in whose frame points are seen and symmetries predicted; None where that
+    # is the frame of the input.
     deformation: Deformation | None
 
 

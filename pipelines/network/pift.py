@@ -30,17 +30,11 @@ MAX_GROUPS, GROUP_SIZE = 64, 16  # of the point convolution
 
 @dataclass(frozen=True)
 class Deformation:
-    """T = S R about a centre, one for each cloud of a batch.
+    """T = S R about a centre, one for each cloud of a batch."""
 
-    Attributes:
-        rotation: (B, 3, 3), R of Eq. 3.
-        scale: (B, 3), the diagonal of S.
-        center: (B, 3), centroid of P_i, the fixed point.
-    """
-
-    rotation: Tensor
-    scale: Tensor
-    center: Tensor
+    rotation: Tensor  # (B, 3, 3), R of Eq. 3
+    scale: Tensor  # (B, 3), the diagonal of S
+    center: Tensor  # (B, 3), centroid of P_i, the fixed point
 
     def deform(
         self,

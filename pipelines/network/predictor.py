@@ -31,11 +31,9 @@ class RegionPrediction(RegionOutputs):
     """The outputs for one region, camera frame: of N points, and M votes for symmetries.
 
     Every third point votes, with a mirrored copy twice.
-
-    Attributes:
-        index: (N,) indices of the region's points that were drawn; some twice where it has fewer.
     """
 
+    # (N,) indices of the region's points that were drawn; some twice where it has fewer.
     index: NDArray[np.int64]
 
 

@@ -14,24 +14,15 @@ class RegionBatch:
     """Region clouds and their labels, each centred on its cloud's centroid.
 
     Axes are the network's `input_frame`.
-
-    Attributes:
-        points: (B, N, 3) metres.
-        affordance: (B, N) in [0, 1].
-        existence: (B, 5), 0 or 1; slots 0-2 reflection, 3 rotation, 4 sphere.
-        center: (B, 5, 3) metres; zeros where the slot is empty.
-        direction: (B, 5, 3) unit; zeros where the slot is empty or has no direction.
-        ground: (B,) metres from the table up to the centroid; 0 where no table is known.
-        camera: (B, 3) metres, the place of the camera.
     """
 
-    points: Tensor
-    affordance: Tensor
-    existence: Tensor
-    center: Tensor
-    direction: Tensor
-    ground: Tensor
-    camera: Tensor
+    points: Tensor  # (B, N, 3) metres
+    affordance: Tensor  # (B, N) in [0, 1]
+    existence: Tensor  # (B, 5), 0 or 1; slots 0-2 reflection, 3 rotation, 4 sphere
+    center: Tensor  # (B, 5, 3) metres; zeros where the slot is empty
+    direction: Tensor  # (B, 5, 3) unit; zeros where the slot is empty or has no direction
+    ground: Tensor  # (B,) metres from the table up to the centroid; 0 where no table is known
+    camera: Tensor  # (B, 3) metres, the place of the camera
 
     def __len__(self) -> int:
         return len(self.points)

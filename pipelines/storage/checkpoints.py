@@ -1,7 +1,8 @@
 """Network weights and training checkpoints as safetensors: tensors and JSON, never pickle."""
 
 import json
-from collections.abc import Mapping
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -9,9 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from pipelines.contents import json_object, reading
 from pipelines.errors import FormatError
-from pipelines.storage.files import write_bytes
+from pipelines.storage.files import open_safetensors, write_bytes
 from pipelines.storage.provenance import Stamp
-from pipelines.storage.safetensors_files import open_safetensors
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -81,20 +81,27 @@ def load_training(path: Path) -> TrainingState:
     tensors, metadata = load_weights(path)
     if "optimizer" not in metadata or "progress" not in metadata:
         raise FormatError(path, "holds weights only", "a training checkpoint is expected")
-    tensors_of: dict[str, dict[str, Tensor]] = {"model": {}, "optimizer": {}}
-    state: dict[int, dict[str, Tensor]] = {}
     with reading(path, "the state of a training", "train again"):
-        for name, tensor in tensors.items():
-            kind, rest = name.split(".", 1)
-            tensors_of[kind][rest] = tensor
-        for name, tensor in tensors_of["optimizer"].items():
-            parameter, key = name.split(".", 1)
-            state.setdefault(int(parameter), {})[key] = tensor
+        kinds = by_kind(tensors, ("model", "optimizer"))
+        state = {int(number): each for number, each in by_kind(kinds["optimizer"]).items()}
         groups = json_object(path, metadata["optimizer"], "optimizer")["param_groups"]
         progress = json_object(path, metadata["progress"], "progress")
-        return TrainingState(
-            tensors_of["model"], {"state": state, "param_groups": groups}, progress
-        )
+        return TrainingState(kinds["model"], {"state": state, "param_groups": groups}, progress)
+
+
+def by_kind(
+    tensors: Mapping[str, "Tensor"], known: Sequence[str] = ()
+) -> dict[str, dict[str, "Tensor"]]:
+    """Return tensors called KIND.NAME by kind and name.
+
+    Raises:
+        KeyError: a kind is none of those `known`, if any are given.
+    """
+    kinds: dict[str, dict[str, Tensor]] = {kind: {} for kind in known} or defaultdict(dict)
+    for name, tensor in tensors.items():
+        kind, rest = name.split(".", 1)
+        kinds[kind][rest] = tensor
+    return kinds
 
 
 def _apart(tensors: Mapping[str, "Tensor"]) -> dict[str, "Tensor"]:

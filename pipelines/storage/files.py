@@ -199,37 +199,31 @@ def read_npy(path: Path) -> NDArray[Any]:
     Raises:
         FormatError: truncated, not .npy, or pickled objects.
     """
-    try:
-        with existing(path).open("rb") as stream, _old_headers_unmentioned():
-            _refuse_npy(path, stream, path.stat().st_size)
-            stream.seek(0)
-            array = np.load(stream, allow_pickle=False)
-    except DAMAGED as error:
-        raise FormatError(
-            path,
-            f"this is not a whole .npy file of numbers ({error})",
-            "plain arrays are read, pickles never",
-        ) from error
+    with _plain_arrays(path, ".npy"), existing(path).open("rb") as stream:
+        _refuse_npy(path, stream, path.stat().st_size)
+        stream.seek(0)
+        array = np.load(stream, allow_pickle=False)
     if not isinstance(array, np.ndarray):
         raise FormatError(path, "this is an .npz archive", "a single .npy array is expected")
     return array
 
 
 @contextmanager
-def _old_headers_unmentioned() -> Iterator[None]:
-    """Keep numpy from warning of headers that Python 2 wrote: they are read well."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
-        yield
+def _plain_arrays(path: Path, suffix: str) -> Iterator[None]:
+    """Raise FormatError for what numpy cannot read; headers of Python 2 are read without a word."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            yield
+    except DAMAGED as error:
+        found = f"this is not a whole {suffix} file of numbers ({error})"
+        raise FormatError(path, found, "plain arrays are read, pickles never") from error
 
 
 def write_npz(path: Path, *, compress: bool = True, **arrays: NDArray[Any]) -> None:
     """Write named `arrays` as .npz atomically."""
     with atomic_path(path) as temporary, temporary.open("wb") as stream:
-        if compress:
-            np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
-        else:
-            np.savez(stream, **arrays)  # type: ignore[arg-type]
+        (np.savez_compressed if compress else np.savez)(stream, **arrays)  # type: ignore[arg-type]
 
 
 def _refuse_npy(path: Path, stream: IO[bytes], size: int) -> None:
@@ -253,24 +247,15 @@ def read_npz(path: Path, required: Sequence[str] = ()) -> dict[str, NDArray[Any]
     Raises:
         FormatError: truncated, not .npz, pickled, larger, or a required array is missing.
     """
-    try:
+    with _plain_arrays(path, ".npz"):
         with zipfile.ZipFile(existing(path)) as archive:
             _refuse_bomb(path, archive)
-        with _old_headers_unmentioned(), np.load(path, allow_pickle=False) as content:
+        with np.load(path, allow_pickle=False) as content:
             missing = sorted(set(required) - set(content.files))
             if missing:
-                raise FormatError(
-                    path,
-                    f"lacks the arrays {', '.join(missing)}",
-                    f"it holds {', '.join(content.files)}",
-                )
+                found = f"lacks the arrays {', '.join(missing)}"
+                raise FormatError(path, found, f"it holds {', '.join(content.files)}")
             return {name: content[name] for name in content.files}
-    except DAMAGED as error:
-        raise FormatError(
-            path,
-            f"this is not a whole .npz file of numbers ({error})",
-            "plain arrays are read, pickles never",
-        ) from error
 
 
 def _refuse_bomb(path: Path, archive: zipfile.ZipFile) -> None:
@@ -281,3 +266,21 @@ def _refuse_bomb(path: Path, archive: zipfile.ZipFile) -> None:
     for member in archive.infolist():
         with archive.open(member) as stream:
             _refuse_npy(path, io.BytesIO(stream.read(NPY_HEADER_BYTES)), member.file_size)
+
+
+@contextmanager
+def open_safetensors(path: Path, framework: str = "np") -> Iterator[Any]:
+    """Yield the file, its tensors those of `framework` (`np` needs no torch, `pt` is torch).
+
+    Raises:
+        FormatError: it is truncated, or not safetensors.
+    """
+    from safetensors import SafetensorError, safe_open  # noqa: PLC0415 - few commands need it
+
+    try:
+        with safe_open(str(existing(path)), framework=framework) as file:
+            yield file
+    except (SafetensorError, TypeError, ValueError) as error:
+        raise FormatError(
+            path, f"this is not a whole safetensors file ({error})", "give weights or train again"
+        ) from error

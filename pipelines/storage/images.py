@@ -38,9 +38,12 @@ def read_image(path: Path) -> NDArray[Any]:
 def decode_image(path: Path, data: bytes) -> NDArray[Any]:
     """Return the image in `data`, the bytes of an image file in `path`; see `read_image`."""
     _refuse_truncated(path, data)
-    _refuse_many_pixels(path, data)
+    pixels, numbers = pixels_of(data), np.frombuffer(data, np.uint8)
+    if pixels is not None and pixels > MAX_PIXELS:
+        expected = f"at most {MAX_PIXELS} are read: make it smaller"
+        raise FormatError(path, f"an image of {pixels} pixels", expected)
     try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+        image = None if pixels is None else cv2.imdecode(numbers, cv2.IMREAD_UNCHANGED)
     except cv2.error:  # damage that OpenCV notices too late for an answer of None
         image = None
     if image is None:
@@ -64,16 +67,6 @@ def _refuse_truncated(path: Path, data: bytes) -> None:
         raise FormatError(path, "this PNG is cut off", "copy the whole file again")
     if data.startswith(b"\xff\xd8") and b"\xff\xd9" not in data[-JPEG_TAIL:]:
         raise FormatError(path, "this JPEG is cut off", "copy the whole file again")
-
-
-def _refuse_many_pixels(path: Path, data: bytes) -> None:
-    pixels = pixels_of(data)
-    if pixels is None:
-        raise FormatError(path, "this is not a whole image", "a PNG, JPEG or TIFF file is expected")
-    if pixels > MAX_PIXELS:
-        raise FormatError(
-            path, f"an image of {pixels} pixels", f"at most {MAX_PIXELS} are read: make it smaller"
-        )
 
 
 def write_image(path: Path, image: NDArray[Any]) -> None:
@@ -145,12 +138,10 @@ def _tiff_pixels(data: bytes, order: str) -> int:
 def _tiff_tags(data: bytes, order: str) -> Iterator[tuple[int, int]]:
     """Yield the tags of the first directory that hold one whole number, with it."""
     is_big = struct.unpack_from(f"{order}H", data, 2)[0] == 43
-    at = struct.unpack_from(f"{order}{'Q' if is_big else 'I'}", data, 8 if is_big else 4)[0]
-    count, size, value_at = (
-        *struct.unpack_from(f"{order}{'Q' if is_big else 'H'}", data, at),
-        *((20, 12) if is_big else (12, 8)),
-    )
-    at += 8 if is_big else 2
+    word, number, size, value_at = ("Q", "Q", 20, 12) if is_big else ("I", "H", 12, 8)
+    at = struct.unpack_from(f"{order}{word}", data, struct.calcsize(word))[0]
+    count = struct.unpack_from(f"{order}{number}", data, at)[0]
+    at += struct.calcsize(number)
     for entry in range(min(count, MOST_TAGS)):
         tag, kind = struct.unpack_from(f"{order}HH", data, at + entry * size)
         if kind in TIFF_INTEGERS:

@@ -12,10 +12,8 @@ def encode_mask(mask: Mask) -> NDArray[np.uint32]:
     """Return the run lengths (k,) of `mask` (H, W) read down the columns; the first is of zeros."""
     flat = np.asarray(mask, dtype=bool).ravel(order="F")
     changes = np.flatnonzero(flat[1:] != flat[:-1]) + 1
-    ends = np.concatenate([[0], changes, [flat.size]])
-    counts = np.diff(ends)
-    starts_with_one = bool(flat.size and flat[0])
-    return np.concatenate([[0], counts] if starts_with_one else [counts]).astype(np.uint32)
+    starts = [0, 0] if flat[:1].any() else [0]
+    return np.diff(changes, prepend=starts, append=flat.size).astype(np.uint32)
 
 
 def decode_mask(counts: NDArray[np.integer], width: int, height: int) -> Mask:

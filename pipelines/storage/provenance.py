@@ -14,10 +14,9 @@ from typing import Any
 
 from pipelines.contents import json_object
 from pipelines.errors import FormatError, StaleOutputError, ValueRangeError
-from pipelines.storage.files import read_json, write_json
+from pipelines.storage.files import open_safetensors, read_json, write_json
 from pipelines.storage.h5_columns import attribute
 from pipelines.storage.h5_files import open_h5
-from pipelines.storage.safetensors_files import open_safetensors
 
 log = logging.getLogger(__name__)
 # What must agree for an existing output to be reused; the version is recorded, not compared.
@@ -202,17 +201,11 @@ def _tell_of_version(found: str, installed: str) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class FileVersion:
-    """A file as it was last written, the key of a cache: what is in memory is good for that only.
+    """A file as last written, the key of a cache: what is in memory is good for that only."""
 
-    Attributes:
-        path: of the file.
-        written: nanoseconds; 0 where there is no such file, which reading it then says.
-        size: bytes.
-    """
-
-    path: Path
-    written: int = 0
-    size: int = 0
+    path: Path  # of the file
+    written: int = 0  # nanoseconds; 0 where there is no such file, which reading it then says
+    size: int = 0  # bytes
 
     @classmethod
     def of(cls, path: Path) -> "FileVersion":

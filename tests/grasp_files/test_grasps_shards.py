@@ -8,10 +8,9 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from pipelines.errors import FormatError, SymgraspError
-from pipelines.grasp_files import grasps_file, grasps_shards
+from pipelines.grasp_files import grasps_file, grasps_stream
 from pipelines.grasp_files.grasps_file import read_shard
-from pipelines.grasp_files.grasps_shards import shard_sizes, shard_tables
-from pipelines.grasp_files.grasps_stream import merge_shards
+from pipelines.grasp_files.grasps_stream import merge_shards, shard_sizes, shard_tables
 from pipelines.grasp_files.grasps_tables import FrameResult, Tables, joined_tables, tables_of
 from tests.grasp_files.test_grasps_file import CAMERA, STAMP, result
 
@@ -48,7 +47,7 @@ def test_a_shard_gives_the_columns_of_its_frame(tmp_path: Path, frame: FrameResu
 
 
 def test_a_sound_shard_needs_no_tables(shard: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(grasps_shards, "read_shard", None)
+    monkeypatch.setattr(grasps_stream, "read_shard", None)
     assert_same_tables(shard_tables(shard), tables_of([FRAMES[3]]))
 
 

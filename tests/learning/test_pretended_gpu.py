@@ -142,7 +142,7 @@ def test_a_step_of_the_detector_stays_on_the_gpu(root, tmp_path, variant):
     items = finetune_detector.scene_items(root, path, config)
     finetune_detector.prepare(root, items, config, BatchOptions(progress=False))
     files = sorted(finetune_detector.frames_folder(path, root).glob("*.h5"))
-    frames = split_frames(files, detector_frames.count, config.val_fraction, 0)
+    frames = split_frames(files, detector_frames.count_frames, config.val_fraction, 0)
     with pretended_gpu():
         detector = starting_detector(config, 0)
         trainee = DetectorTraining(detector, frames, config, torch.device("cuda"))

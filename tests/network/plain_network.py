@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from pipelines.configs import NetworkConfig
-from pipelines.network.leading_direction import POSITIVE_SHIFT
+from pipelines.network.heads import POSITIVE_SHIFT
 from pipelines.network.model import UNITS_PER_METER, Prediction
 from pipelines.network.pift import (
     MAX_LOG_SCALE,

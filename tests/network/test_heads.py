@@ -5,8 +5,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipelines.network.heads import Heads
-from pipelines.network.leading_direction import leading_direction
+from pipelines.network.heads import Heads, leading_direction
 
 seeds = st.integers(0, 2**31 - 1)
 

@@ -136,7 +136,7 @@ def test_the_detector_validates_on_the_datasets_own_split(exported, tmp_path):
     finetune_detector.prepare(exported, items, DETECTOR, QUIET)
     files = sorted(finetune_detector.frames_folder(output, exported).glob("*.h5"))
     for scene in (f"scene_{number:04d}" for number in SCENES):
-        sets = split_frames(files, detector_frames.count, 0.1, 0, {scene})
+        sets = split_frames(files, detector_frames.count_frames, 0.1, 0, {scene})
         assert {path.stem[:10] for path, _ in sets.val} == {scene}
         assert {path.stem[:10] for path, _ in sets.train} == {
             f"scene_{number:04d}" for number in SCENES

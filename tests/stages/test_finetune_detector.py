@@ -137,7 +137,7 @@ def test_other_pictures_of_the_same_names_are_other_data(root, output, tmp_path)
 
 def test_a_scene_without_frames_has_a_file_of_none(tmp_path):
     detector_frames.write(tmp_path / "scene.h5", [], make_stamp("x", CONFIG))
-    assert detector_frames.count(tmp_path / "scene.h5") == 0
+    assert detector_frames.count_frames(tmp_path / "scene.h5") == 0
 
 
 def test_other_coco_weights_are_another_training(root, output):
@@ -162,7 +162,7 @@ def test_the_frames_of_a_scenes_two_cameras_are_on_one_side():
 
 def test_a_kept_batch_gives_its_losses_again(root, output, tmp_path):
     files = sorted(finetune_detector.frames_folder(output, root.root).glob("*.h5"))
-    frames = split_frames(files, detector_frames.count, CONFIG.val_fraction, 0)
+    frames = split_frames(files, detector_frames.count_frames, CONFIG.val_fraction, 0)
     detector = starting_detector(CONFIG, 0)
     trainee = DetectorTraining(detector, frames, CONFIG, torch.device("cpu"))
     batch = trainee.load(np.arange(2), [np.random.default_rng(i) for i in range(2)])

@@ -31,7 +31,7 @@ def write(path: Path, folders: Sequence[Path], stride: int = 1) -> int:
     """Write every `stride`-th frame of the files in `folders`; return how many."""
     rows: dict[str, list[Any]] = {name: [] for name in (*IMAGES, "plane", "lens")}
     for file in sorted(each for folder in folders for each in folder.glob("*.h5")):
-        for row in range(0, detector_frames.count(file), stride):
+        for row in range(0, detector_frames.count_frames(file), stride):
             view = detector_frames.read(file, row)
             steps = np.round(view.frame.depth / DEPTH_STEP).astype(np.uint16)
             jpeg = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]

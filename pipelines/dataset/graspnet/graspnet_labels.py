@@ -7,11 +7,14 @@ is true if the gripper collides with the object, `offsets` = [angle rad, depth m
 past the point along the approach.
 """
 
-from collections.abc import Sequence
+import zipfile
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipelines.array_types import Floats, Indices, Mask, Singles
 from pipelines.dataset.graspnet.graspnet_views import (
@@ -23,7 +26,14 @@ from pipelines.dataset.graspnet.graspnet_views import (
     view_rotations,
 )
 from pipelines.errors import FormatError
-from pipelines.storage.files import read_npy, read_npz, write_npy, write_npz
+from pipelines.storage.files import (
+    atomic_path,
+    existing,
+    read_npy,
+    read_npz,
+    write_npy,
+    write_npz,
+)
 
 LABEL_GRID = (NUM_VIEWS, NUM_ANGLES, NUM_DEPTHS)
 LABEL_ARRAYS = ("points", "offsets", "collision", "scores")
@@ -76,6 +86,51 @@ def write_grasp_label(path: Path, label: GraspLabel, *, compress: bool = True) -
     )
 
 
+def join_grasp_labels(path: Path, parts: Sequence[Path], *, compress: bool = False) -> None:
+    """Write `grasp_label/NNN_labels.npz` from its `parts`, label files of consecutive points.
+
+    One array of one part is in memory at a time, however large the label. Uncompressed, as the
+    original is published; `compress` makes it about fifteen times smaller.
+    """
+    method = zipfile.ZIP_DEFLATED if compress else zipfile.ZIP_STORED
+    with atomic_path(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+        for name in LABEL_ARRAYS:
+            # `ZipInfo` has a fixed date, so that the same label has the same bytes.
+            member = zipfile.ZipInfo(f"{name}.npy")
+            member.compress_type = method
+            with archive.open(member, "w", force_zip64=True) as stream:
+                _write_joined(stream, parts, name)
+
+
+def part_arrays(parts: Sequence[Path], name: str) -> Iterator[NDArray[Any]]:
+    """Yield the array `name` of each of `parts`, reading no other array.
+
+    Raises:
+        FormatError: a part is no whole label file.
+    """
+    for part in parts:
+        try:
+            with existing(part).open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+                array = arrays[name]
+        except (ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
+            found = f"this part of a grasp label is damaged ({error})"
+            raise FormatError(part, found, "delete it and run label-grasps again") from error
+        yield array
+
+
+def _write_joined(stream: IO[bytes], parts: Sequence[Path], name: str) -> None:
+    num_points = sum(len(points) for points in part_arrays(parts, "points"))
+    for number, array in enumerate(part_arrays(parts, name)):
+        if number == 0:
+            header = {
+                "descr": np.lib.format.dtype_to_descr(array.dtype),
+                "fortran_order": False,
+                "shape": (num_points, *array.shape[1:]),
+            }
+            np.lib.format.write_array_header_1_0(stream, header)
+        stream.write(np.ascontiguousarray(array).data)
+
+
 def holding_grasps(label: GraspLabel, max_friction: float = 1.0) -> LabelledGrasps:
     """Select the grasps of `label` that hold at `max_friction` without self-collision."""
     # The nearest float32 to 0.4 is larger than 0.4.
@@ -111,11 +166,8 @@ def read_collision_labels(path: Path) -> list[Mask]:
     arrays = read_npz(path, ())
     names = [f"arr_{i}" for i in range(len(arrays))]
     if sorted(arrays) != sorted(names):
-        raise FormatError(
-            path,
-            f"holds the arrays {sorted(arrays)}",
-            "arr_0, arr_1, ... without a gap are expected",
-        )
+        found = f"holds the arrays {sorted(arrays)}"
+        raise FormatError(path, found, "arr_0, arr_1, ... without a gap are expected")
     for name in names:
         if arrays[name].ndim != 4 or arrays[name].shape[1:] != LABEL_GRID:
             raise FormatError(

@@ -57,11 +57,8 @@ def read_sdf(path: Path) -> SignedDistanceGrid:
             path, f"not a list of numbers ({error})", "SDFGen text is expected"
         ) from error
     if len(numbers) < HEADER_NUMBERS:
-        raise FormatError(
-            path,
-            f"only {len(numbers)} numbers",
-            "nx ny nz, origin, spacing and values are expected",
-        )
+        found = f"only {len(numbers)} numbers"
+        raise FormatError(path, found, "nx ny nz, origin, spacing and values are expected")
     if not (np.abs(numbers[:HEADER_NUMBERS]) < LARGEST).all():
         raise FormatError(path, "a header without a size", "nx ny nz, origin, spacing")
     shape = tuple(int(n) for n in numbers[:3])

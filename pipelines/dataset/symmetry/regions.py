@@ -60,11 +60,8 @@ def check_triangles(path: Path, regions: Iterable[tuple[str, Indices]], mesh: Me
     owner = np.full(count, "", dtype=object)
     for name, triangles in regions:
         if len(triangles) and triangles.max() >= count:
-            raise FormatError(
-                path,
-                f"region {name!r} names triangle {triangles.max()}, beyond the mesh",
-                f"the mesh has {count}, numbered from 0",
-            )
+            found = f"region {name!r} names triangle {triangles.max()}, beyond the mesh"
+            raise FormatError(path, found, f"the mesh has {count}, numbered from 0")
         if len(np.unique(triangles)) < len(triangles):
             raise FormatError(path, f"region {name!r} names a triangle twice", "name it once")
         shared = triangles[owner[triangles] != ""]

@@ -28,28 +28,21 @@ FOUND, BY_HAND, FROM_BOP = "found", "hand", "bop"  # sources of a symmetry
 
 @dataclass(frozen=True)
 class ObjectSymmetries:
-    """The symmetries of a whole object, and its regions with their symmetries.
+    """The symmetries of a whole object, and its regions with their symmetries."""
 
-    Attributes:
-        name: name of the object.
-        symmetries: symmetries of the whole object.
-        regions: symmetric parts; a single region, the whole, if the object is symmetric. Triangles
-            are indices in the order of the mesh's file.
-        doubt: how near a decision was to the opposite one, 0 to 1; None if unknown.
-        rejected: candidates that came nearest to holding, nearest first.
-        sources: source of each of `symmetries`: FOUND, BY_HAND or FROM_BOP; empty: all FOUND.
-        found: `symmetries` before corrections by hand; None without corrections.
-        found_sources: source of each of `found`.
-    """
-
-    name: str
-    symmetries: tuple[Symmetry, ...]
+    name: str  # name of the object
+    symmetries: tuple[Symmetry, ...]  # symmetries of the whole object
+    # Symmetric parts; a single region, the whole, if the object is symmetric. Triangles are indices
+    # in the order of the mesh's file.
     regions: tuple[ObjectRegion, ...] = ()
+    # How near a decision was to the opposite one, 0 to 1; None if unknown.
     doubt: float | None = None
-    rejected: tuple[Symmetry, ...] = ()
+    rejected: tuple[Symmetry, ...] = ()  # candidates that came nearest to holding, nearest first
+    # Source of each of `symmetries`: FOUND, BY_HAND or FROM_BOP; empty: all FOUND.
     sources: tuple[str, ...] = ()
+    # `symmetries` before corrections by hand; None without corrections.
     found: tuple[Symmetry, ...] | None = None
-    found_sources: tuple[str, ...] = ()
+    found_sources: tuple[str, ...] = ()  # source of each of `found`
 
     @property
     def all_sources(self) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from pycocotools import mask as coco_mask
@@ -78,11 +78,12 @@ def image_entry(files: FrameFiles, width: int, height: int) -> Entry:
 def annotation_entry(image: Entry, number: int, region: RegionInstance, category: int) -> Entry:
     """Return COCO's entry of the `number`-th region of `image`, from 1."""
     runs = coco_mask.encode(np.asfortranarray(region.mask.astype(np.uint8)))
+    counts = cast(bytes, runs["counts"]).decode("ascii")
     return {
         "id": image["id"] * REGIONS_A_FRAME + number,
         "image_id": image["id"],
         "category_id": category,
-        "segmentation": {"size": list(region.mask.shape), "counts": _as_text(runs["counts"])},
+        "segmentation": {"size": list(region.mask.shape), "counts": counts},
         "area": int(coco_mask.area(runs)),
         "bbox": [float(x) for x in coco_mask.toBbox(runs)],
         "iscrowd": 0,
@@ -100,10 +101,6 @@ def annotation_mask(annotation: Mapping[str, Any]) -> Mask:
         warnings.simplefilter("ignore", DeprecationWarning)
         mask = coco_mask.decode({"size": runs["size"], "counts": runs["counts"]})
     return np.asarray(mask, np.bool_)
-
-
-def _as_text(counts: str | bytes) -> str:
-    return counts if isinstance(counts, str) else counts.decode("ascii")
 
 
 def kind_of(symmetries: Iterable[Symmetry]) -> str:

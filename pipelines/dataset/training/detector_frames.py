@@ -52,7 +52,7 @@ def write(path: Path, frames: list[DetectorFrame], stamp: Stamp) -> None:
             file["depth"].attrs["units"] = "0.1 mm"
 
 
-def count(path: Path) -> int:
+def count_frames(path: Path) -> int:
     """Return the number of frames in a file."""
     with open_h5(path) as file:
         check_version(path, file.attrs.get("format_version"), FORMAT_VERSION)

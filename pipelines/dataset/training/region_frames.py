@@ -77,11 +77,8 @@ def read_posed_label(
         raise FormatError(files.path("label"), found, expected)
     unknown = sorted(set(np.unique(label).tolist()) - {i + 1 for i in poses} - {0})
     if unknown:
-        raise FormatError(
-            files.path("label"),
-            f"shows object {unknown[0] - 1}",
-            f"{files.path('annotations').name} has no pose of it",
-        )
+        expected = f"{files.path('annotations').name} has no pose of it"
+        raise FormatError(files.path("label"), f"shows object {unknown[0] - 1}", expected)
     return label, poses
 
 
@@ -90,11 +87,8 @@ def _poses(root: GraspNetRoot, files: FrameFiles) -> dict[int, Array]:
     poses = {pose.object_id: pose.T_cam_obj for pose in root.read_annotation(files)}
     missing = [i for i in root.scene(files.scene_id, files.camera).object_ids if i not in poses]
     if missing:
-        raise FormatError(
-            files.path("annotations"),
-            f"holds no pose of object {missing[0]}",
-            "object_id_list.txt names it",
-        )
+        found = f"holds no pose of object {missing[0]}"
+        raise FormatError(files.path("annotations"), found, "object_id_list.txt names it")
     return poses
 
 
@@ -120,12 +114,12 @@ def split_frames(
         raise ValueRangeError(where, len(scenes), "at least 2, one to validate on")
     if held_out is None:
         held_out = held_out_scenes(sorted(scenes), fraction, seed)
-    rows = [(path, row) for path in files for row in range(count(path))]
-    is_val = [path.stem[:SCENE] in held_out for path, _ in rows]
-    return FrameSets(
-        [each for each, val in zip(rows, is_val, strict=True) if not val],
-        [each for each, val in zip(rows, is_val, strict=True) if val],
-    )
+    train: list[tuple[Path, int]] = []
+    val: list[tuple[Path, int]] = []
+    for path in files:
+        rows = val if path.stem[:SCENE] in held_out else train
+        rows.extend((path, row) for row in range(count(path)))
+    return FrameSets(train, val)
 
 
 def held_out_scenes(scenes: Sequence[str], fraction: float, seed: int) -> set[str]:

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from pipelines.contents import MAX_PIXELS
 from pipelines.errors import FormatError, SymgraspError
-from pipelines.frames.encodings.lzf import decompress
 from pipelines.storage.files import read_bytes
 
 HEADER_BYTES = 4096
@@ -17,6 +16,8 @@ KINDS = {"F": "f", "I": "i", "U": "u"}
 FORMS = ("ascii", "binary", "binary_compressed")
 MOST_VALUES = 1024  # of a field; histograms have some hundreds
 MAX_BYTES = 2**30  # of a cloud: MAX_PIXELS of sixty-four bytes
+LITERAL_RUNS = 32  # of LZF: a smaller control byte announces that many bytes and one, as they are
+LONG_COPY = 7  # this length is continued in the next byte
 INTEGERS = "copy the whole file again"
 
 
@@ -148,3 +149,43 @@ def _unpacked(path: Path, header: Header, body: bytes) -> bytes:
         return decompress(body[8 : 8 + packed], unpacked)
     except SymgraspError as error:
         raise FormatError(path, str(error), INTEGERS) from error
+
+
+def decompress(packed: bytes, size: int) -> bytes:
+    """Return the `size` bytes that `packed` holds by LZF, the compression of these clouds.
+
+    Raises:
+        SymgraspError: it holds another number of bytes, or refers to bytes that are not there.
+    """
+    out = bytearray()
+    at = 0
+    try:
+        while at < len(packed) and len(out) <= size:
+            control = packed[at]
+            at += 1
+            if control < LITERAL_RUNS:
+                out += packed[at : at + control + 1]
+                at += control + 1
+                continue
+            length = control >> 5
+            if length == LONG_COPY:
+                length += packed[at]
+                at += 1
+            back = ((control & 31) << 8) + packed[at] + 1
+            at += 1
+            _copy(out, back, length + 2)
+    except IndexError as error:
+        raise SymgraspError("the compressed points are cut off") from error
+    if len(out) != size:
+        raise SymgraspError(f"unpacks to {len(out)} bytes instead of {size}")
+    return bytes(out)
+
+
+def _copy(out: bytearray, back: int, length: int) -> None:
+    """Append `length` bytes that lie `back` bytes before the end; they may overlap the new."""
+    if back > len(out):
+        raise IndexError(back)
+    piece = out[len(out) - back : len(out) - back + length]
+    while len(piece) < length:
+        piece += piece[: length - len(piece)]
+    out += piece

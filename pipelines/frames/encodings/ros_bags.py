@@ -42,17 +42,11 @@ EXTRA = "install it with `pip install symgrasp[ros]`"
 
 
 class Recorded(NamedTuple):
-    """Which image of a topic: several may be recorded at one time, as `rosbag` filters write them.
+    """Which image of a topic; several may be of one time, as `rosbag` filters record them."""
 
-    Attributes:
-        time: nanoseconds, of the recording.
-        stamp: nanoseconds, of the image's header.
-        number: among the images of the topic with this time and stamp, from 0.
-    """
-
-    time: int
-    stamp: int
-    number: int
+    time: int  # nanoseconds, of the recording
+    stamp: int  # nanoseconds, of the image's header
+    number: int  # among the images of the topic with this time and stamp, from 0
 
 
 Stamps = list[tuple[float, Recorded]]  # seconds of the image, and which it is

@@ -12,33 +12,22 @@ from pipelines.storage.files import real_path
 
 @dataclass(frozen=True)
 class FoundFrame:
-    """A frame that a layout finds in a folder.
+    """A frame that a layout finds in a folder."""
 
-    Attributes:
-        stem: its name within the folder, with forward slashes; empty for a folder's only one.
-        read: reads the frame, which has no name yet; raises a SymgraspError if it is faulty.
-        files: the frame's existing files, colour first; None is left out.
-        layout: name of the layout, where it is not the one that finds the frame.
-    """
-
-    stem: str
+    stem: str  # its name within the folder, with forward slashes; empty for a folder's only one
+    # Reads the frame, which has no name yet; raises a SymgraspError if it is faulty.
     read: Callable[[], Frame]
-    files: tuple[Path | None, ...]
-    layout: str = ""
+    files: tuple[Path | None, ...]  # the frame's existing files, colour first; None is left out
+    layout: str = ""  # name of the layout, where it is not the one that finds the frame
 
 
 @dataclass(frozen=True)
 class Layout:
-    """One way to lay RGB-D frames on disk.
+    """One way to lay RGB-D frames on disk."""
 
-    Attributes:
-        name: as `symgrasp inspect` and formats.md say it.
-        find: called with a folder and what the user stated; gives the folder's frames, none if it
-            is not of this layout. It may raise a SymgraspError where the folder is of this layout
-            but damaged.
-    """
-
-    name: str
+    name: str  # as `symgrasp inspect` and formats.md say it
+    # Called with a folder and what the user stated; gives the folder's frames, none if it is not of
+    # this layout. It may raise a SymgraspError where the folder is of this layout but damaged.
     find: Callable[[Path, FrameOptions], Iterable[FoundFrame]]
 
 

@@ -22,21 +22,15 @@ LONGEST_LOOK = 100_000  # bytes of a camera file that are searched for its key
 
 @dataclass(frozen=True)
 class Pairing:
-    """A layout of pairs: how it is recognised, and where its cameras are.
+    """A layout of pairs: how it is recognised, and where its cameras are."""
 
-    Attributes:
-        name: as that of a `Layout`.
-        markers: patterns of files below the folder; one that exists makes it this layout.
-        pairs: lists the folder's pairs of images.
-        cameras: names of the frame's camera file, the first that exists; `{stem}` is the pair's.
-        key: text that the marker must hold, as files of one name have several forms.
-    """
-
-    name: str
+    name: str  # as that of a `Layout`
+    # Patterns of files below the folder; one that exists makes it this layout.
     markers: tuple[str, ...]
-    pairs: Callable[[Path], list[ImagePair]]
+    pairs: Callable[[Path], list[ImagePair]]  # lists the folder's pairs of images
+    # Names of the frame's camera file, the first that exists; `{stem}` is the pair's.
     cameras: tuple[str, ...] = ()
-    key: str = ""
+    key: str = ""  # text that the marker must hold, as files of one name have several forms
 
     def is_in(self, folder: Path) -> bool:
         """Return whether `folder` holds one of the markers."""

@@ -24,23 +24,15 @@ SLACK = 1e-6  # metres; widths are stored in single precision
 
 @dataclass(frozen=True)
 class FrameGrasps:
-    """The grasps of a frame that are exported, best first.
+    """The grasps of a frame that are exported, best first."""
 
-    Attributes:
-        result: the frame; its `grasps` are the g exported ones, numbered anew by `rank_in_frame`.
-        rows: (g,) places in `/grasps` of grasps.h5.
-        left_out: (n,) places of those that are wider than the gripper opens.
-        low: (m,) places of others that score too low.
-        grasps: the exported ones in double precision, in the frame of `PoseFrame`.
-        gripper: whose poses they are.
-    """
-
+    # The frame; its `grasps` are the g exported ones, numbered anew by `rank_in_frame`.
     result: FrameResult
-    rows: NDArray[np.int64]
-    left_out: NDArray[np.int64]
-    low: NDArray[np.int64]
-    grasps: GraspPoses
-    gripper: ExportGripper
+    rows: NDArray[np.int64]  # (g,) places in `/grasps` of grasps.h5
+    left_out: NDArray[np.int64]  # (n,) places of those that are wider than the gripper opens
+    low: NDArray[np.int64]  # (m,) places of others that score too low
+    grasps: GraspPoses  # the exported ones in double precision, in the frame of `PoseFrame`
+    gripper: ExportGripper  # whose poses they are
 
     @classmethod
     def of(

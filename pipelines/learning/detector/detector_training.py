@@ -1,6 +1,6 @@
 """The region detector as the training engine sees it: frames, Mask R-CNN's losses, mask AP."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import cast
 
 import numpy as np
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torchvision.models.detection import MaskRCNN
 
+from pipelines.array_types import Mask
 from pipelines.configs import FinetuneDetectorConfig, from_settings
 from pipelines.dataset.training import detector_frames
 from pipelines.dataset.training.region_frames import FileRows, FrameSets
@@ -18,11 +19,11 @@ from pipelines.learning.detector.frame_views import (
     masks_of,
     random_example,
 )
-from pipelines.learning.detector.mask_figures import mask_figures
 from pipelines.learning.loop.faults import Fault, numbered, unnumbered
 from pipelines.learning.loop.loaders import epoch_batches
 from pipelines.learning.speed.processes import Processes
 from pipelines.learning.speed.shares import micro_batch_size
+from pipelines.metrics.coco_masks import coco_average_precision, match_masks
 from pipelines.network.detection.detector import draw_mask
 from pipelines.network.detection.mask_rcnn import build_detector, seed_samplers
 
@@ -89,7 +90,7 @@ class DetectorTraining:
                     found["masks"][:, 0].cpu().numpy(), found["boxes"].cpu().numpy(), strict=True
                 )
             ]
-            masks = np.stack(drawn) if drawn else np.zeros((0, *size), bool)
+            masks = np.array(drawn, bool).reshape(-1, *size)
             frames.append((masks_of(view.regions), masks, found["scores"].cpu().numpy()))
         return mask_figures(frames)
 
@@ -98,6 +99,28 @@ def spread(keys: FileRows, most: int) -> FileRows:
     """Return `keys`, or `most` of them, evenly spread, if there are more."""
     count = min(len(keys), most)
     return [keys[i * len(keys) // count] for i in range(count)]
+
+
+def mask_figures(frames: Iterable[tuple[Mask, Mask, NDArray[np.floating]]]) -> dict[str, float]:
+    """Return AP at IoU 0.5, AP averaged over IoU 0.5 to 0.95, and recall at IoU 0.5.
+
+    `frames`: of each the true masks (n, h, w), the found ones (m, h, w), and their confidence (m,).
+    """
+    num_truth, right = 0, list[Mask]()
+    confidence: list[NDArray[np.floating]] = []
+    for truth, found, sure in frames:
+        num_truth += len(truth)
+        confidence.append(sure)
+        right.append(match_masks(list(found), sure.tolist(), list(truth)))
+    if not num_truth or not sum(map(len, confidence)):
+        return {"mask_ap50": 0.0, "mask_ap": 0.0, "mask_recall50": 0.0}
+    hits = np.concatenate(right, axis=1)
+    precision = coco_average_precision(np.concatenate(confidence), hits, num_truth)
+    return {
+        "mask_ap50": float(precision[0]),
+        "mask_ap": float(precision.mean()),
+        "mask_recall50": float(hits[0].sum() / num_truth),
+    }
 
 
 def frames_loss(

@@ -162,8 +162,4 @@ def masks_of(regions: NDArray[np.uint8]) -> Mask:
     """Return the masks (n, h, w) of the regions large enough to be learned from."""
     sizes = np.bincount(regions.ravel(), minlength=1)
     numbers = [n for n in range(1, len(sizes)) if sizes[n] >= MIN_REGION_PIXELS]
-    return (
-        np.stack([regions == n for n in numbers])
-        if numbers
-        else np.zeros((0, *regions.shape), bool)
-    )
+    return np.array([regions == n for n in numbers], bool).reshape(-1, *regions.shape)

@@ -32,19 +32,13 @@ CPU_MICRO_BATCH = 6  # regions; two threads with these are quickest
 
 @dataclass(frozen=True)
 class Sample:
-    """Augmented regions as a step sees them: nothing is left to be drawn.
+    """Augmented regions as a step sees them: nothing is left to be drawn."""
 
-    Attributes:
-        regions: of (B, N) points, the initial ones.
-        copies: the same points scaled along a principal direction, their labels with them.
-        query: (B, Q) the points that are asked about.
-        measured: (B, S) the points on which dense errors are measured.
-    """
-
-    regions: RegionBatch
+    regions: RegionBatch  # of (B, N) points, the initial ones
+    # The same points scaled along a principal direction, their labels with them.
     copies: RegionBatch
-    query: Tensor
-    measured: Tensor
+    query: Tensor  # (B, Q) the points that are asked about
+    measured: Tensor  # (B, S) the points on which dense errors are measured
 
     def tensors(self) -> dict[str, Tensor]:
         """Return all of it by name."""

@@ -17,7 +17,7 @@ from torch import Tensor, nn
 
 from pipelines.errors import FormatError
 from pipelines.learning.speed.gradients import Losses, loss_seed
-from pipelines.storage.checkpoints import load_weights, save_weights
+from pipelines.storage.checkpoints import by_kind, load_weights, save_weights
 from pipelines.storage.provenance import Stamp
 
 
@@ -60,12 +60,9 @@ def read_fault(path: Path) -> Fault:
     if "place" not in metadata or "provenance" not in metadata:
         raise FormatError(path, "holds no faulty batch", "NAME.fault.safetensors is expected")
     seed, epoch, step, number = json.loads(metadata["place"]).values()
-    groups: dict[str, dict[str, Tensor]] = {"weights": {}, "batch": {}}
-    for name, tensor in tensors.items():
-        kind, rest = name.split(".", 1)
-        groups[kind][rest] = tensor
+    kinds = by_kind(tensors, ("weights", "batch"))
     settings = json.loads(metadata["provenance"])["config"]
-    return Fault(groups["weights"], groups["batch"], (seed, epoch, step, number), settings)
+    return Fault(kinds["weights"], kinds["batch"], (seed, epoch, step, number), settings)
 
 
 def describe_losses(losses: Losses) -> str:
@@ -85,8 +82,5 @@ def numbered(items: Sequence[Mapping[str, Tensor]]) -> dict[str, Tensor]:
 
 def unnumbered(tensors: Mapping[str, Tensor]) -> list[dict[str, Tensor]]:
     """Return the items of which `numbered` made one mapping."""
-    items: dict[int, dict[str, Tensor]] = {}
-    for key, tensor in tensors.items():
-        number, name = key.split(".", 1)
-        items.setdefault(int(number), {})[name] = tensor
-    return [items[number] for number in sorted(items)]
+    items = by_kind(tensors)
+    return [items[number] for number in sorted(items, key=int)]

@@ -21,7 +21,13 @@ from pipelines.learning.loop.trainee import Trainee
 from pipelines.learning.progress.curves import write_curves
 from pipelines.learning.speed.weight_average import WeightAverage
 from pipelines.network.weights_files import fill
-from pipelines.storage.checkpoints import TrainingState, load_training, save_training, save_weights
+from pipelines.storage.checkpoints import (
+    TrainingState,
+    by_kind,
+    load_training,
+    save_training,
+    save_weights,
+)
 from pipelines.storage.provenance import Stamp
 
 
@@ -46,9 +52,10 @@ class Keeper:
         """Restore the state of the checkpoint, and return its progress."""
         path = file_of_run(self.output, CHECKPOINT)
         state = load_training(path)
-        fill(self.trainee.module, _with_prefix(state.model, "weights."), path)
-        self.average.load(_with_prefix(state.model, "average."))
-        self._best = _with_prefix(state.model, "best.")
+        kinds = by_kind(state.model)
+        fill(self.trainee.module, kinds["weights"], path)
+        self.average.load(kinds["average"])
+        self._best = kinds["best"]
         self.optimizer.load_state_dict(state.optimizer)
         return Progress.of(state.progress)
 
@@ -108,7 +115,3 @@ class Keeper:
     def _write(self, weights: Mapping[str, Tensor], figures: Mapping[str, float]) -> None:
         metadata = self.metadata | {"validation": json.dumps(figures, sort_keys=True)}
         save_weights(self.output, weights, metadata, self.stamp)
-
-
-def _with_prefix(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
-    return {n.removeprefix(prefix): tensor for n, tensor in tensors.items() if n.startswith(prefix)}

@@ -51,11 +51,8 @@ def split_by_scene(
     pairs = zip(scene_of_file, reader.counts, strict=True)
     scenes = sorted({scene for scene, count in pairs if count})
     if len(scenes) < 2:
-        raise ValueRangeError(
-            "number of packed scenes with regions",
-            len(scenes),
-            "at least 2, or give --val a folder of its own",
-        )
+        expected = "at least 2, or give --val a folder of its own"
+        raise ValueRangeError("number of packed scenes with regions", len(scenes), expected)
     count = min(max(1, round(fraction * len(scenes))), len(scenes) - 1)
     held_out = set(rng.permutation(scenes)[:count].tolist())
     is_held_out = np.repeat([scene in held_out for scene in scene_of_file], reader.counts)

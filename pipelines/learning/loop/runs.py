@@ -6,38 +6,65 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.errors import SymgraspError, ValueRangeError
-from pipelines.learning.loop.history import History
 from pipelines.storage.checkpoints import load_training
 from pipelines.storage.provenance import COMPARED, Stamp, read_stamp
 
 # What a run owns beside its output.
 CHECKPOINT, CURVES, LOGS = "checkpoint.safetensors", "curves.png", "logs"
 FAULT = "fault.safetensors"  # the batch without a finite loss
+MOST_POINTS = 400  # of a curve; one that grows longer is thinned to half
 
 
 @dataclass(frozen=True)
 class RunRequest:
-    """Options of a run that do not change what it converges to.
+    """Options of a run that do not change what it converges to."""
 
-    Attributes:
-        seed: of everything drawn at random.
-        device: auto, cpu, cuda or cuda:N.
-        threads: CPU cores to use.
-        max_seconds: time after which the run stops cleanly, None for no limit.
-        resume: go on with an unfinished run.
-        overwrite: start again whatever is there.
-        progress: show a progress bar on stderr instead of lines.
-        loaders: processes that load batches ahead; 0 for a thread of this one.
-    """
+    seed: int = 0  # of everything drawn at random
+    device: str = "auto"  # auto, cpu, cuda or cuda:N
+    threads: int = 2  # CPU cores to use
+    max_seconds: float | None = None  # time after which the run stops cleanly, None for no limit
+    resume: bool = False  # go on with an unfinished run
+    overwrite: bool = False  # start again whatever is there
+    progress: bool = False  # show a progress bar on stderr instead of lines
+    loaders: int = 0  # processes that load batches ahead; 0 for a thread of this one
 
-    seed: int = 0
-    device: str = "auto"
-    threads: int = 2
-    max_seconds: float | None = None
-    resume: bool = False
-    overwrite: bool = False
-    progress: bool = False
-    loaders: int = 0
+
+@dataclass
+class History:
+    """Curves of one training; kept in the checkpoint, so that those of a resumed run are whole."""
+
+    every: int = 1  # steps that a point of `train` stands for
+    # by term, means over `every` steps each
+    train: dict[str, list[float]] = field(default_factory=dict)
+    # by figure, pairs (steps done, value)
+    val: dict[str, list[tuple[int, float]]] = field(default_factory=dict)
+    pending: dict[str, float] = field(default_factory=dict)  # sums over the steps since
+    num_pending: int = 0
+
+    def add_losses(self, losses: Mapping[str, float]) -> None:
+        """Add the loss terms of one step."""
+        self.pending = {name: self.pending.get(name, 0.0) + value for name, value in losses.items()}
+        self.num_pending += 1
+        if self.num_pending < self.every:
+            return
+        for name, value in self.pending.items():
+            self.train.setdefault(name, []).append(value / self.num_pending)
+        self.pending, self.num_pending = {}, 0
+        if len(next(iter(self.train.values()))) >= MOST_POINTS:
+            for name, means in self.train.items():
+                pairs = zip(means[::2], means[1::2], strict=True)
+                self.train[name] = [0.5 * (a + b) for a, b in pairs]
+            self.every *= 2
+
+    def add_figures(self, steps: int, figures: Mapping[str, float]) -> None:
+        """Add the figures of a validation after `steps` steps."""
+        for name, value in figures.items():
+            self.val.setdefault(name, []).append((steps, value))
+
+    def curve(self, term: str) -> list[tuple[float, float]]:
+        """Return points (steps done, mean) of a loss term."""
+        values = self.train.get(term, [])
+        return [((i + 0.5) * self.every, value) for i, value in enumerate(values)]
 
 
 @dataclass

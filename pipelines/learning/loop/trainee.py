@@ -17,18 +17,12 @@ class Trainee(Protocol):
     All random numbers come from the given generators, which depend on seed, epoch, step and item
     alone: a resumed training goes on as if it had never stopped, and a training of several
     processes takes the same steps.
-
-    Attributes:
-        best_by: the validation figure that chooses the weights to keep.
-        higher_is_better: whether a higher figure is better.
-        parallel: whether `loss` may run in several threads at a time.
-        micro_batch_size: items that are worked on together; a batch's gradient is their sum.
     """
 
-    best_by: str
-    higher_is_better: bool
-    parallel: bool
-    micro_batch_size: int
+    best_by: str  # the validation figure that chooses the weights to keep
+    higher_is_better: bool  # whether a higher figure is better
+    parallel: bool  # whether `loss` may run in several threads at a time
+    micro_batch_size: int  # items that are worked on together; a batch's gradient is their sum
 
     @property
     def module(self) -> nn.Module:

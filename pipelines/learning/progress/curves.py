@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.learning.loop.history import History
+from pipelines.learning.loop.runs import History
 from pipelines.storage.images import write_image
 
 WIDTH, HEIGHT = 380, 250  # pixels of a chart
@@ -51,16 +51,13 @@ def charts_of(history: History, best_by: str) -> list[Chart]:
     charts = [Chart("loss", history.curve("total"), history.val.get("loss", []))]
     charts += [Chart(name, [], points) for name, points in history.val.items() if name != "loss"]
     charts += [Chart(name, history.curve(name), []) for name in history.train if name != "total"]
-    charts = [_finite(chart) for chart in charts]
+    charts = [Chart(each.title, _finite(each.train), _finite(each.val)) for each in charts]
     charts = [chart for chart in charts if chart.train or chart.val]
     return sorted(charts, key=lambda chart: chart.title != best_by)
 
 
-def _finite(chart: Chart) -> Chart:
-    train, val = (
-        [(x, y) for x, y in points if math.isfinite(y)] for points in (chart.train, chart.val)
-    )
-    return Chart(chart.title, train, val)
+def _finite(points: Points) -> Points:
+    return [(x, y) for x, y in points if math.isfinite(y)]
 
 
 def draw_chart(chart: Chart, last: float) -> Canvas:

@@ -21,15 +21,10 @@ LONGEST_WAIT = timedelta(days=7)  # for the first process to validate, or to pre
 
 @dataclass(frozen=True)
 class Processes:
-    """This process among those of a training.
+    """This process among those of a training."""
 
-    Attributes:
-        rank: which one this is; the first, 0, writes and speaks.
-        count: how many there are.
-    """
-
-    rank: int = 0
-    count: int = 1
+    rank: int = 0  # which one this is; the first, 0, writes and speaks
+    count: int = 1  # how many there are
 
     @property
     def is_first(self) -> bool:

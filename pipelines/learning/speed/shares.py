@@ -18,19 +18,12 @@ TRAINING = 1_000_003  # keeps trainings apart from datasets that draw from the s
 
 @dataclass(frozen=True)
 class Piece:
-    """One micro-batch of a batch, not loaded yet.
+    """One micro-batch of a batch, not loaded yet."""
 
-    Attributes:
-        number: among the batch's micro-batches.
-        first: position of its first item in the batch.
-        items: the trainee's own.
-        share: of the batch's gradient; 0 for a piece that only keeps the processes in step.
-    """
-
-    number: int
-    first: int
-    items: Items
-    share: float
+    number: int  # among the batch's micro-batches
+    first: int  # position of its first item in the batch
+    items: Items  # the trainee's own
+    share: float  # of the batch's gradient; 0 for a piece that only keeps the processes in step
 
     def load(self, trainee: Trainee, seed: int, epoch: int, step: int) -> MicroBatch:
         """Return the items loaded, each with the generator of its place."""

@@ -30,17 +30,11 @@ COLOR_STD = (0.229, 0.224, 0.225)
 
 @dataclass(frozen=True)
 class Detection:
-    """One region found in a frame.
+    """One region found in a frame."""
 
-    Attributes:
-        mask: (H, W), at the frame's size.
-        box: (4,) x0, y0, x1, y1 in pixels of the frame.
-        confidence: in [0, 1].
-    """
-
-    mask: Mask
-    box: Array
-    confidence: float
+    mask: Mask  # (H, W), at the frame's size
+    box: Array  # (4,) x0, y0, x1, y1 in pixels of the frame
+    confidence: float  # in [0, 1]
 
 
 class RegionDetector:

@@ -6,13 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipelines.dataset.graspnet.graspnet_label_parts import join_grasp_labels, part_arrays
 from pipelines.dataset.graspnet.graspnet_label_stream import read_grasp_label
 from pipelines.dataset.graspnet.graspnet_labels import (
     LABEL_ARRAYS,
     LABEL_GRID,
     GraspLabel,
+    join_grasp_labels,
     label_offsets,
+    part_arrays,
     write_grasp_label,
 )
 from pipelines.errors import FormatError

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipelines.learning.loop.history import MOST_POINTS, History
-from pipelines.learning.loop.runs import Progress
+from pipelines.learning.loop.runs import MOST_POINTS, History, Progress
 from pipelines.learning.progress import curves
 from pipelines.learning.progress.curves import charts_of, draw_chart, ticks, write_curves
 

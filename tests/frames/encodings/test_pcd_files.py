@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipelines.errors import SymgraspError
-from pipelines.frames.encodings.lzf import decompress
+from pipelines.frames.encodings.pcd_files import decompress
 from tests.frames.layouts.build import packed_literally
 
 

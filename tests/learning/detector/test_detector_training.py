@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipelines.learning.detector.mask_figures import mask_figures
+from pipelines.learning.detector.detector_training import mask_figures
 
 
 def square(x, size=10):

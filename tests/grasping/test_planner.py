@@ -318,7 +318,7 @@ def test_no_candidates_give_no_grasps():
 
 def naive_choice(candidates, region, scene):
     """The grasps that are free at their pose, pair by pair and angle by angle, on all points."""
-    around = Feasibility.at(region, scene, GRIPPER, CHECKS, RANKING.clearance_cap).around
+    around = Feasibility.at(region, scene, GRIPPER, CHECKS, RANKING.clearance_cap).around.all
     base = GraspPoses.from_contacts(candidates.contacts, candidates.approach)
     centre = np.median(region.points, axis=0)
     radius = np.percentile(np.linalg.norm(region.points - centre, axis=1), 90)

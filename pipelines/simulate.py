@@ -32,8 +32,15 @@ from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, drop_st
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.simulation.frames import FrameSimulator, PiecesReader
 from pipelines.simulation.success import success_tables, write_success
-from pipelines.storage import provenance
 from pipelines.storage.files import read_json
+from pipelines.storage.provenance import (
+    digest,
+    digest_text,
+    is_finished,
+    make_stamp,
+    refuse_other_suffix,
+    stamp_ahead,
+)
 from pipelines.synthesis.objects.decomposition import is_nearly_convex, physics_pieces
 
 LARGE_SHIFT = 0.01  # metres, more than rounding of poses causes
@@ -60,15 +67,15 @@ def run(
     Raises:
         ValueRangeError: `output` does not end in .json.
     """
-    provenance.refuse_other_suffix(output, ".json")
+    refuse_other_suffix(output, ".json")
     runs = ComparedRuns.of(grasps, others, dataset)
     scenes, reader = runs.scenes, PiecesReader(runs.root, pieces_folder(output))
     config = replace(config, gripper=runs.gripper(config.gripper))
     inputs = runs.inputs(config.gripper, baselines=baselines)
     inputs["pieces"] = _digest_of_pieces(scenes, reader)
     settings = {**asdict(config), "baselines": baselines}
-    stamp = provenance.make_stamp("simulate", settings, seed=seed, inputs=inputs)
-    provenance.is_finished(output, stamp, overwrite=options.overwrite)  # raises if it is stale
+    stamp = make_stamp("simulate", settings, seed=seed, inputs=inputs)
+    is_finished(output, stamp, overwrite=options.overwrite)  # raises if it is stale
     models = _model_items(scenes, reader, config, seed)
     drop_stale(models, options)
     report = StageReport("simulate")
@@ -103,8 +110,8 @@ def _model_items(
     for object_id in _object_ids(scenes):
         model, target = reader.source(object_id), reader.path(object_id)
         if model != target and model.is_file():
-            inputs = {"mesh": provenance.digest(model)}
-            stamp = provenance.make_stamp("simulate model", settings, seed=seed, inputs=inputs)
+            inputs = {"mesh": digest(model)}
+            stamp = make_stamp("simulate model", settings, seed=seed, inputs=inputs)
             items.append(WorkItem(f"model {object_id:03d}", target, stamp, (model,)))
     return items
 
@@ -119,7 +126,7 @@ def _cut_model(config: SimulateConfig, item: WorkItem) -> str | None:
         max_pieces=config.max_pieces,
         seed=item.stamp.seed,
     )
-    provenance.stamp_ahead(item.target, item.stamp)
+    stamp_ahead(item.target, item.stamp)
     convex_file.write(item.target, pieces)
     if len(pieces) > 1 or is_nearly_convex(mesh, config.convex_enough):
         return None
@@ -143,9 +150,8 @@ def _simulate_scene(
 def _digest_of_pieces(scenes: Iterable[SceneFiles], reader: PiecesReader) -> str:
     """Return the digest of the models' convex pieces, or of the meshes to be cut."""
     sources = [path for path in map(reader.source, _object_ids(scenes)) if path.is_file()]
-    return provenance.digest_text(
-        "".join(f"{p.relative_to(reader.root.root)} {provenance.digest(p)}\n" for p in sources)
-    )
+    home = reader.root.root
+    return digest_text("".join(f"{p.relative_to(home)} {digest(p)}\n" for p in sources))
 
 
 def _object_ids(scenes: Iterable[SceneFiles]) -> list[int]:

@@ -99,7 +99,7 @@ def by_kind(
     """
     kinds: dict[str, dict[str, Tensor]] = {kind: {} for kind in known} or defaultdict(dict)
     for name, tensor in tensors.items():
-        kind, rest = name.split(".", 1)
+        kind, _, rest = name.partition(".")
         kinds[kind][rest] = tensor
     return kinds
 

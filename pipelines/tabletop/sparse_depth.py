@@ -15,8 +15,8 @@ DENSE = 0.7  # measured share of the closed surface from which depth stays as it
 
 def measured_share(depth: Singles) -> float:
     """Return the measured share of the surface in `depth` (H, W), holes closed; 1 without depth."""
-    surface = np.count_nonzero(_closed(depth > 0.0))
-    return np.count_nonzero(depth > 0.0) / surface if surface else 1.0
+    measured = depth > 0.0
+    return _share(measured, _closed(measured))
 
 
 def filled(depth: Singles) -> Singles:
@@ -24,10 +24,11 @@ def filled(depth: Singles) -> Singles:
 
     Dense depth is returned as is; holes wider than `HOLE_WINDOW` are never filled.
     """
-    if measured_share(depth) >= DENSE:
+    measured = depth > 0.0
+    surface = _closed(measured)
+    if _share(measured, surface) >= DENSE:
         return depth
-    # What is measured is its own nearest pixel.
-    return np.where(_closed(depth > 0.0), nearest_measured(depth), depth)
+    return np.where(surface & ~measured, nearest_measured(depth), depth)
 
 
 def nearest_measured(depth: Singles, mask_size: int = 5) -> Singles:
@@ -45,6 +46,11 @@ def nearest_measured(depth: Singles, mask_size: int = 5) -> Singles:
     of_label[nearest[measured]] = depth[measured]
     found: Singles = of_label[nearest]
     return found
+
+
+def _share(measured: Mask, surface: Mask) -> float:
+    count = np.count_nonzero(surface)
+    return np.count_nonzero(measured) / count if count else 1.0
 
 
 def _closed(measured: Mask) -> Mask:

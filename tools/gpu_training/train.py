@@ -118,6 +118,7 @@ def prepare_layers(device: torch.device) -> None:
     if device.type == "cuda":
         from tools.gpu_training.farthest_points import sample_farthest  # noqa: PLC0415 - Triton
 
+        torch.backends.cuda.matmul.allow_tf32 = True
         sampling._farthest_points.plain = sample_farthest
         pointnet2.weighted_sum = gathered_sum  # type: ignore[assignment]
 

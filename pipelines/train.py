@@ -11,6 +11,7 @@ Writes  NAME.safetensors            the best weights so far by validation on uns
 
 import time
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,7 +31,7 @@ from pipelines.learning.loop.loop import TrainingRun
 from pipelines.learning.loop.runs import RunRequest, find_progress
 from pipelines.learning.speed.processes import process_group
 from pipelines.network.model import SymmetryGraspNet
-from pipelines.network.weights_files import fill, read_weights, weights_metadata
+from pipelines.network.weights_files import fill, read_weights, weights_metadata, widened
 from pipelines.runtime.batch import StageReport
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import existing
@@ -91,16 +92,20 @@ def build(config: TrainConfig, seed: int, init: Path | None) -> SymmetryGraspNet
     """Return the network to start from: drawn, or with the weights of `init`.
 
     Raises:
-        FormatError: `init` holds no such weights, or those of a network with other settings.
+        FormatError: `init` holds no such weights, or those of a network with other settings; one
+            that does not see the camera may start one that does.
     """
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)  # layers are initialised from torch's own generator
         network = SymmetryGraspNet(config.network)
     if init is not None:
         tensors, settings = read_weights(init, SymmetryGraspNet.__name__, NetworkConfig)
-        if settings != config.network:  # of the same shapes, maybe, and with another meaning
-            found = f"is of a network with {_different(settings, config.network)}"
-            raise FormatError(init, found, f"{_different(config.network, settings)} is asked for")
+        wanted = config.network
+        if wanted.sees_camera and settings == replace(wanted, sees_camera=False):
+            tensors = widened(tensors, network)
+        elif settings != wanted:  # of the same shapes, maybe, and with another meaning
+            found = f"is of a network with {_different(settings, wanted)}"
+            raise FormatError(init, found, f"{_different(wanted, settings)} is asked for")
         fill(network, tensors, init)
     return network
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from torch import Tensor, nn
+from torch.nn import functional
 
 from pipelines.configs import from_settings
 from pipelines.configs.renamed import NOT_NAMED_BEFORE
@@ -60,6 +61,20 @@ def fill(module: nn.Module, tensors: dict[str, Tensor], path: Path) -> None:
         raise FormatError(
             path, f"its tensors do not fit the network ({found})", expected
         ) from error
+
+
+def widened(tensors: Mapping[str, Tensor], module: nn.Module) -> dict[str, Tensor]:
+    """Return weights of a network that sees less, so that `module` does with them as it did.
+
+    The inputs that `module` has beside come last of a layer's, with weights of zero.
+    """
+    shapes = {name: each.shape for name, each in module.state_dict().items()}
+    return {
+        name: functional.pad(each, (0, max(0, shapes[name][-1] - each.shape[-1])))
+        if each.ndim and each.ndim == len(shapes.get(name, ()))
+        else each
+        for name, each in tensors.items()
+    }
 
 
 def tensor_differences(found: Mapping[str, Tensor], wanted: Mapping[str, Tensor]) -> str:

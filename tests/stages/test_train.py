@@ -196,6 +196,25 @@ def test_a_network_starts_from_the_weights_that_are_given(tmp_path):
     assert not all(torch.equal(found[name], start[name]) for name in found)
 
 
+def test_a_network_that_sees_the_camera_begins_as_one_that_does_not(tmp_path):
+    path = weights_of(tmp_path / "w.safetensors", CONFIG.network)
+    sees = replace(CONFIG, network=replace(CONFIG.network, sees_camera=True))
+    narrow, wide = (train.build(each, 0, path).eval() for each in (CONFIG, sees))
+    torch.manual_seed(0)
+    points, camera = 0.05 * torch.randn(2, CONFIG.network.num_points, 3), torch.randn(2, 3)
+    with torch.no_grad():
+        before, after = narrow(points), wide(points, camera=camera)
+    torch.testing.assert_close(after.center, before.center)
+    torch.testing.assert_close(after.existence, before.existence)
+
+
+def test_a_network_that_sees_the_camera_starts_none_that_does_not(tmp_path):
+    seen = replace(CONFIG.network, sees_camera=True)
+    path = weights_of(tmp_path / "w.safetensors", seen)
+    with pytest.raises(FormatError, match="sees_camera=True; sees_camera=False is asked for"):
+        train.build(CONFIG, 0, path)
+
+
 def test_weights_of_a_network_with_other_settings_are_no_start(tmp_path):
     told = replace(CONFIG.network, canonical_frame=False)
     path = weights_of(tmp_path / "w.safetensors", told)

@@ -3,12 +3,11 @@
 import argparse
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import torch
 from torch import Tensor
-from torch.nn import functional
 
 from pipelines.configs import TrainConfig
 from pipelines.configs.presets import PRESETS, preset_settings
@@ -19,7 +18,7 @@ from pipelines.network import augmentation, pointnet2, sampling
 from pipelines.network.losses import NUM_ERROR_POINTS
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.regions import RegionBatch
-from pipelines.network.weights_files import weights_metadata
+from pipelines.network.weights_files import weights_metadata, widened
 from pipelines.storage.checkpoints import load_weights, save_weights
 from tools.gpu_training.rendering import RegionRing, Renderers
 from tools.gpu_training.schedule import Schedule
@@ -159,18 +158,6 @@ def train_config(preset: str | None, settings: Sequence[str] = ()) -> TrainConfi
     for name, _, value in (setting.partition("=") for setting in settings):
         config = changed_by_text(config, name, value)
     return config
-
-
-def widened(tensors: Mapping[str, Tensor], module: SymmetryGraspNet) -> dict[str, Tensor]:
-    """Return weights of a network that sees less, so that `module` does with them as it did.
-
-    What it sees more comes last of a layer's inputs, with weights of zero.
-    """
-    shapes = {name: each.shape for name, each in module.state_dict().items()}
-    return {
-        name: functional.pad(each, (0, shapes[name][-1] - each.shape[-1])) if each.ndim else each
-        for name, each in tensors.items()
-    }
 
 
 def run_training(options: argparse.Namespace) -> None:

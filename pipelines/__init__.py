@@ -1,11 +1,11 @@
-"""The stages of SymGrasp, and the libraries they stand on.
+"""The stages of SymGrasp, and the libraries that they use.
 
-Stages, in workflow order; each reads files, writes files, and knows no other stage:
+Stages, in workflow order; each reads files, writes files, and depends on no other stage:
 
 ===================  ==========================================  ===============================
 stage                reads                                       writes
 ===================  ==========================================  ===============================
-doctor               this machine, the default weights           nothing; says what is wrong
+doctor               this machine, the default weights           nothing; prints the faults
 synthesize           procedural objects, or meshes               a GraspNet-1Billion root
 label_grasps         meshes                                      ROOT/models, ROOT/grasp_label
 annotate_symmetry    ROOT/models                                 ROOT/symmetry/NNN.json
@@ -16,14 +16,14 @@ finetune_detector    ROOT or COCO frames, symmetry               detector.safete
 train                PACKED, or ROOT models and labels             network.safetensors
 train_critic         ROOT frames, symmetry, both networks        axis, plane, grasp critics
 train_baseline       ROOT frames, rect and other grasp labels     a compared method's weights
-inspect_frames       RGB-D frames of any layout                  nothing; says what they are
+inspect_frames       RGB-D frames of any layout                  nothing; prints a summary
 convert_frames       RGB-D frames of any layout                  RGB-D frames as flat pairs
 gripper              a gripper's URDF or TOML file               a gripper's TOML file, its picture
 workspace            RGB-D frames of any layout                  pictures, masks; prints a box
 infer                RGB-D frames, both weights                  grasps.h5, overlay pictures
-infer_watch          RGB-D frames as they come, weights          a file a frame, grasps.h5
+infer_watch          RGB-D frames as they arrive, weights        a file per frame, grasps.h5
 serve                frames posted over HTTP, weights            answers with grasps
-view                 grasps.h5, RGB-D frames                     OUT/index.html, a page a frame
+view                 grasps.h5, RGB-D frames                     OUT/index.html, a page per frame
 export               grasps.h5                                   files of other tools, JSON, CSV
 score_grasps         any mesh, any grasps (N, 17)                verdicts.npz
 simulate             grasps.h5, ROOT                             success.json
@@ -37,10 +37,10 @@ Packages, from the ground up; imports run down only (drawn by `tools/draw_map.py
 =====  =============  ==============================================================================
 level  package        subject
 =====  =============  ==============================================================================
-1      array_types    Types of arrays, by what they hold
-1      ending         Ends of processes: by a signal or with the parent, without temporary files
-1      errors         Errors a user can mend: each message says what, where, and what would be right
-2      contents       Checks of what files hold: types, forms and bounds, each fault one sentence
+1      array_types    Types of arrays, named by their elements
+1      ending         End of a process: by a signal or with its parent; temporary files are removed
+1      errors         Errors that a user can fix: each says what, where, and what would be right
+2      contents       Checks of file contents: types, forms and bounds; each fault is one sentence
 3      configs        Settings of all stages: a frozen dataclass each, with unit, meaning and origin
 4      geometry       Geometry on arrays: transforms, cameras, clouds, symmetries; metres, radians
 4      storage        Files: atomic writes, HDF5, safetensors, provenance, digests
@@ -61,7 +61,7 @@ level  package        subject
 12     annotation     Annotation of an object: symmetries found, given, corrected by a person
 12     health         Checks of `doctor`: packages, torch and GPU, the machine, the default weights
 12     learning       Training of the region detector, the grasp network and the critics
-12     serving        Grasps over HTTP: frames in posts, and the server that answers them
+12     serving        Grasps over HTTP: frames in POST requests, and the server that answers them
 12     simulation     Trials of grasps in physics: a table with objects, a gripper, and their record
 =====  =============  ==============================================================================
 """

@@ -1,7 +1,7 @@
 """Stage `annotate-symmetry`: symmetries and symmetric regions of meshes (Sec. III-D, III-G).
 
 Reads   ROOT/models/NNN/nontextured.ply   a dataset, or any mesh or folder of meshes
-        ROOT/regions/NNN.json             optional regions by hand, which replace those found
+        ROOT/regions/NNN.json             optional regions by hand, which replace detected regions
         optional corrections by hand, and BOP's symmetries
 Writes  ROOT/symmetry/NNN.json            symmetries and regions, canonical frame
         or OUT/NAME.json                  for loose meshes
@@ -56,7 +56,7 @@ def run(
     report.add(run_batch(jobs.STAGE, corrections, step, replace(options, overwrite=True)))
     _refuse_unknown(report, sources.edits, [item.name for item in items])
     if given is not None and missing:
-        report.notes[given.name] = f"has no entry of {', '.join(missing)}; what was found stays"
+        report.notes[given.name] = f"has no entry of {', '.join(missing)}; detected symmetries stay"
     if not options.dry_run:
         write_extras(report, items, extras, config, options)
     return report
@@ -91,8 +91,8 @@ def _refuse_unknown(
 ) -> None:
     for name in sorted(set(edits) - set(names)):
         report.failed[name] = (
-            f"{edits[name].path} corrects {name}, which is not there; "
-            f"there are {', '.join(sorted(names))}"
+            f"{edits[name].path} corrects {name}, which does not exist; "
+            f"the objects are {', '.join(sorted(names))}"
         )
 
 

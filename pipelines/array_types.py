@@ -1,4 +1,4 @@
-"""Types of arrays, by what they hold."""
+"""Types of arrays, named by their elements."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,6 @@ Indices = NDArray[np.int64]
 Counts = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-# Of compiled loops, which take coordinates one by one.
+# For compiled loops, which take coordinates one by one.
 Vector = tuple[float, float, float]
 SingleVector = tuple[np.float32, np.float32, np.float32]

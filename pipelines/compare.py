@@ -1,11 +1,11 @@
-"""Stage `compare`: several runs side by side, and how certain their differences are.
+"""Stage `compare`: several runs side by side, and the uncertainty of their differences.
 
 Reads   A.json, B.json, ...  reports of `evaluate`, or each a success.json of `simulate`
-        A.frames/, ...       the records beside each: A.scenes/ of a dump, A.trials/ of trials
-Writes  compare.json or compare.html, if asked for
+        A.frames/, ...       the records of each report: A.scenes/ of a dump, A.trials/ of trials
+Writes  compare.json or compare.html, if requested
 
-Only frames that all runs have are compared; the others are counted. The interval of a difference
-to the first run is a paired bootstrap over frames, or over scenes with all their frames.
+Only frames that all runs contain are compared; other frames are counted. The interval of a
+difference to the first run is a paired bootstrap over frames, or over scenes with all their frames.
 """
 
 import math
@@ -34,9 +34,9 @@ from pipelines.storage import provenance
 from pipelines.storage.files import finite_json, write_json, write_text
 
 FORMAT_VERSION = 1
-# Nothing of these concerns our own row; `hands` is what 0.1 called the grasp critic's digest.
+# None of these affects our own row; `hands` is the name of the grasp critic's digest in 0.1.
 FOR_BASELINES = ("baselines", "seed", "affordance", "grasp_critic", "hands")
-SEEDED = ("simulate",)  # stages of which the seed concerns all rows: it cuts models into pieces
+SEEDED = ("simulate",)  # stages where the seed affects all rows: it cuts models into pieces
 VIEWS_NOTE = "Views of one scene are much alike: over scenes, intervals are wider and more honest."
 METRIC_NAMES = {
     "grasp_quality": "grasp quality",
@@ -66,7 +66,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What a comparison found: names of the runs, remarks on what differs, figures."""
+    """Result of a comparison: names of the runs, remarks on their differences, figures."""
 
     runs: list[str]
     notes: list[str]
@@ -101,7 +101,7 @@ def run(
 
 
 def compared(runs: Sequence[EvaluatedRun], config: CompareConfig, seed: int) -> Comparison:
-    """Return how `runs` differ on the frames that all of them have."""
+    """Return the differences of `runs` on the frames that all runs contain."""
     paired = set(paired_frames(runs))
     notes = [*_frame_notes(runs, len(paired)), *_setting_notes(runs, config.row)]
     figures = []
@@ -119,14 +119,14 @@ def compared(runs: Sequence[EvaluatedRun], config: CompareConfig, seed: int) -> 
 
 
 def _shared_metrics(runs: Sequence[EvaluatedRun]) -> list[str]:
-    """Return the names of what all runs have, in the order in which they are read."""
+    """Return the metrics that all runs contain, in the order of the tables."""
     shared = set.intersection(*(run.metrics for run in runs))
     simulated = shared - set(METRIC_NAMES)
     return [*filter(shared.__contains__, METRIC_NAMES), *sorted(simulated, key=friction_of)]
 
 
 def tables(comparison: Comparison) -> list[Table]:
-    """Return a table a split: a value a run, then its difference to the first."""
+    """Return a table per split: the value of each run, then its difference to the first run."""
     first, *others = comparison.runs
     config = comparison.config
     header = ["", first]
@@ -141,14 +141,14 @@ def tables(comparison: Comparison) -> list[Table]:
         found.append(Table(title, tuple(header), tuple(map(_row, figures))))
     note = (
         f"Differences to {first}; intervals by paired bootstrap over {config.unit}s, "
-        f"{config.resamples} draws; * leaves out zero, of at least {FEWEST_UNITS} {config.unit}s."
+        f"{config.resamples} draws; * excludes zero, over at least {FEWEST_UNITS} {config.unit}s."
     )
     note += f" {VIEWS_NOTE}" if config.unit == "frame" else ""
     return [*found[:-1], replace(found[-1], note=note)]
 
 
 def run_names(reports: Sequence[Path]) -> list[str]:
-    """Return short names of `reports` that tell them apart, without what all share at their ends.
+    """Return short, distinct names of `reports`, without the parts that all paths end with.
 
     Raises:
         SymgraspError: a report is given twice.
@@ -166,7 +166,7 @@ def run_names(reports: Sequence[Path]) -> list[str]:
 
 
 def _groups(names: Sequence[str], unit: str) -> NDArray[np.int64]:
-    """Return (f,) the index of what each frame is drawn with: itself, or its scene."""
+    """Return (f,) the index of the bootstrap unit of each frame: the frame, or its scene."""
     if unit == "frame":
         return np.arange(len(names))
     scenes = [key[0] if (key := frame_key(name)) else name for name in names]
@@ -184,7 +184,7 @@ def _frame_notes(runs: Sequence[EvaluatedRun], paired: int) -> list[str]:
 
 
 def _setting_notes(runs: Sequence[EvaluatedRun], row: str) -> list[str]:
-    """Return a sentence for whatever differs between the first run and another."""
+    """Return a sentence for each difference in settings or labels to the first run."""
     settings, labels = zip(*(_provenance(run, row) for run in runs), strict=True)
     notes = []
     for place, run in enumerate(runs[1:], 1):
@@ -196,7 +196,7 @@ def _setting_notes(runs: Sequence[EvaluatedRun], row: str) -> list[str]:
             notes.append(f"{run.name} was evaluated with other settings: {', '.join(changed)}.")
         other = _differing(labels[0], labels[place])
         if "grasps" not in other:
-            notes.append(f"{run.name} is of the same grasps as {runs[0].name}.")
+            notes.append(f"{run.name} evaluates the same grasps as {runs[0].name}.")
         if "gripper" in other:
             notes.append(f"{run.name} was evaluated with another gripper.")
         if other := [name for name in other if name not in ("grasps", "gripper")]:
@@ -205,7 +205,7 @@ def _setting_notes(runs: Sequence[EvaluatedRun], row: str) -> list[str]:
 
 
 def _provenance(run: EvaluatedRun, row: str) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return settings and digests of inputs that `row` of a report was made with."""
+    """Return the settings and the digests of inputs of `row` of a report."""
     stamp = mapping_in(run.report, "provenance")
     unused = set(FOR_BASELINES if row == DEFAULT_ROW else ())
     unused -= {"seed"} if stamp.get("stage") in SEEDED else set()
@@ -272,7 +272,7 @@ def _row(figure: Figure) -> tuple[str, ...]:
 def _words(difference: Difference) -> tuple[str, str]:
     if not math.isfinite(difference.value):
         return "-", "-"
-    if not math.isfinite(difference.low):  # of a single frame or scene, or undefined in most draws
+    if not math.isfinite(difference.low):  # a single frame or scene, or undefined in most draws
         return f"{difference.value:+.3f}", "-"
     mark = " *" if difference.is_certain else ""
     return f"{difference.value:+.3f}", f"{difference.low:+.3f} to {difference.high:+.3f}{mark}"

@@ -1,4 +1,4 @@
-"""Checks of what files hold: types, forms and bounds, each fault one sentence."""
+"""Checks of file contents: types, forms and bounds; each fault is one sentence."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -10,7 +10,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 from pipelines.errors import FormatError, SymgraspError
 
-# What Python and numpy raise on content of another type, size or shape than a reader takes.
+# Errors of Python and numpy on content of another type, size or shape than a reader expects.
 UNFIT = (
     ArithmeticError,
     AssertionError,
@@ -22,39 +22,39 @@ UNFIT = (
     TypeError,
     ValueError,
 )
-LONGEST_REASON = 200  # characters of a library's own words in a sentence
+LONGEST_REASON = 200  # characters of a library's message in a sentence
 MAX_PIXELS = 2**24  # of an image: 4096 x 4096; depth cameras have up to six million
 MAX_JSON_BYTES = 2**27
-MAX_JSON_VALUES = 10_000_000  # a value takes some 70 bytes, whatever it is
-MAX_JSON_DEPTH = 100  # lists and objects within each other; ours have six
+MAX_JSON_VALUES = 10_000_000  # a value of any type takes some 70 bytes
+MAX_JSON_DEPTH = 100  # levels of nested lists and objects; our files have six
 
 
 @contextmanager
-def reading(path: Path | str, what: str, expected: str) -> Iterator[None]:
-    """Turn what content of another type or shape raises into a FormatError.
+def reading(path: Path | str, subject: str, expected: str) -> Iterator[None]:
+    """Turn errors on content of another type or shape into a FormatError.
 
         with reading(path, "a region", "name, triangles, symmetries"): ...
 
     Raises:
-        FormatError: "PATH: WHAT is not right (REASON); EXPECTED".
+        FormatError: "PATH: SUBJECT is not right (REASON); EXPECTED".
     """
     try:
         yield
     except FormatError:
         raise
     except (*UNFIT, SymgraspError) as error:
-        raise FormatError(path, f"{what} is not right ({reason(error)})", expected) from error
+        raise FormatError(path, f"{subject} is not right ({reason(error)})", expected) from error
 
 
 def reason(error: BaseException) -> str:
-    """Return an error of Python or a library as a piece of a sentence."""
+    """Return the message of a Python or library error as part of a sentence."""
     text = " ".join(str(error).split())
     text = f"lacks {text}" if isinstance(error, KeyError) else text or type(error).__name__
     return text if len(text) <= LONGEST_REASON else f"{text[:LONGEST_REASON]}..."
 
 
-def json_value(path: Path | str, data: bytes, what: str = "this") -> Any:  # noqa: ANN401 - JSON
-    """Return what JSON in UTF-8 says, its size, number of values and depth bounded.
+def json_value(path: Path | str, data: bytes, subject: str = "this") -> Any:  # noqa: ANN401 - JSON
+    """Return the value of JSON in UTF-8; its size, number of values and depth are bounded.
 
     Raises:
         FormatError: not JSON, or beyond the bounds.
@@ -66,22 +66,22 @@ def json_value(path: Path | str, data: bytes, what: str = "this") -> Any:  # noq
         ("values", values, MAX_JSON_VALUES),
     ):
         if found > most:
-            raise FormatError(path, f"{what} has {found} {name}", f"at most {most} are read")
+            raise FormatError(path, f"{subject} has {found} {name}", f"at most {most} are read")
     try:
         content = parsed_json(data)
         deep = is_deep(content, MAX_JSON_DEPTH)
     except (ValueError, RecursionError) as error:  # not text, not JSON, too many digits, too deep
-        raise FormatError(path, f"{what} is not JSON ({reason(error)})", expected) from error
+        raise FormatError(path, f"{subject} is not JSON ({reason(error)})", expected) from error
     if deep:
-        raise FormatError(path, f"{what} is nested too deep", f"at most {MAX_JSON_DEPTH} levels")
+        raise FormatError(path, f"{subject} is nested too deep", f"at most {MAX_JSON_DEPTH} levels")
     return content
 
 
 def parsed_json(data: bytes) -> Any:  # noqa: ANN401 - JSON
-    """Return what JSON in UTF-8 says.
+    """Return the value of JSON in UTF-8.
 
     Raises:
-        ValueError: not JSON, or with half a character, which no output could hold.
+        ValueError: not JSON, or text with an unpaired surrogate, which no output can hold.
         RecursionError: nested too deep.
     """
     content = json.loads(data.decode())
@@ -90,21 +90,21 @@ def parsed_json(data: bytes) -> Any:  # noqa: ANN401 - JSON
     return content
 
 
-def json_object(path: Path | str, stored: object, what: str) -> dict[str, Any]:
-    """Return the JSON object that a text, as an attribute of a file, says.
+def json_object(path: Path | str, stored: object, subject: str) -> dict[str, Any]:
+    """Return the JSON object in the text `stored`, such as an attribute of a file.
 
     Raises:
-        FormatError: it is no text, or says something else.
+        FormatError: `stored` is no text, or the text is no JSON object.
     """
     text = stored.encode(errors="replace") if isinstance(stored, str) else stored
-    content = json_value(path, text, what) if isinstance(text, bytes) else None
+    content = json_value(path, text, subject) if isinstance(text, bytes) else None
     if not isinstance(content, dict):
-        raise FormatError(path, f"{what} is no JSON object", "write the file again")
+        raise FormatError(path, f"{subject} is no JSON object", "write the file again")
     return content
 
 
 def mapping_in(content: object, name: str) -> Mapping[str, Any]:
-    """Return the mapping `name` of a mapping; empty where there is none."""
+    """Return the mapping at the key `name` of the mapping `content`; empty if there is none."""
     found = content.get(name) if isinstance(content, Mapping) else None
     return found if isinstance(found, Mapping) else {}
 
@@ -112,10 +112,10 @@ def mapping_in(content: object, name: str) -> Mapping[str, Any]:
 def typed(kind: Any, value: Any) -> Any:  # noqa: ANN401 - a type, and JSON
     """Return JSON as the type `kind`: an object as a dataclass, a whole number as a float.
 
-    `kind`: bool, int, float, str, Any, a list or dict of such, a dataclass; or any of these | None.
+    `kind`: bool, int, float, str, Any, a list or dict of these, a dataclass; or one of them | None.
 
     Raises:
-        TypeError, ValueError: it is something else, or lacks what a dataclass needs.
+        TypeError, ValueError: the value has another type, or lacks a field of the dataclass.
     """
     origin, inner = get_origin(kind), get_args(kind)
     if kind is Any or (value is None and NoneType in inner):
@@ -143,7 +143,7 @@ def _typed_fields(kind: Any, content: dict[str, Any]) -> Any:  # noqa: ANN401 - 
 
 
 def is_deep(content: object, most: int) -> bool:
-    """Return whether lists and mappings lie in each other more than `most` levels deep."""
+    """Return whether lists and mappings are nested more than `most` levels deep."""
     level: list[Any] = [content]
     for _ in range(most + 1):
         groups = [each for each in level if isinstance(each, list | Mapping)]

@@ -1,10 +1,10 @@
-"""Stage `convert-frames`: RGB-D frames of any layout as flat pairs, the layout that needs no words.
+"""Stage `convert-frames`: RGB-D frames of any layout as flat pairs, the simplest layout.
 
-Reads   frames in any layout that `formats/layouts` knows; pickles only if they are trusted
+Reads   frames in any layout of `frames/layouts`; pickles only if they are trusted
 Writes  OUT/NAME_color.png, OUT/NAME_depth.png, OUT/NAME_camera.json, OUT/provenance.json
 
 Nothing is lost: depth that does not fit into 16 bits, as floats, goes to `NAME_depth.npz`. The
-folder appears whole; frames that cannot be read are failed and left out.
+folder appears once it is complete; frames that cannot be read count as failed and are left out.
 """
 
 import time
@@ -40,10 +40,10 @@ def run(
 ) -> StageReport:
     """Write the frames of `frames`, a folder or one file of a frame, into the folder `output`.
 
-    `stated`: camera and unit of all frames, instead of what the files beside them say.
+    `stated`: camera and unit of all frames, in place of the ones in the files next to them.
 
     Raises:
-        SymgraspError: no frames, or `output` is somebody else's folder or was made otherwise.
+        SymgraspError: no frames, or `output` was made by another program or with other settings.
     """
     started, report = time.monotonic(), StageReport(STAGE)
     sources = find_frames(frames, replace(stated, trust_pickles=config.trust_pickle))
@@ -53,7 +53,7 @@ def run(
         report.skipped += [source.name for source in sources]
         return report
     if output.exists() and not (output / "provenance.json").is_file():
-        raise SymgraspError(f"{output} exists and is no conversion of ours; choose another folder")
+        raise SymgraspError(f"{output} is no folder of convert-frames; choose another folder")
     with atomic_folder(output) as folder:
         for source in sources:
             with report.attempting(source.name):
@@ -66,7 +66,7 @@ def run(
 
 
 def write_flat_pair(folder: Path, frame: Frame) -> None:
-    """Write one frame as a flat pair; read again, it is the same to the last bit."""
+    """Write one frame as a flat pair, which reads back equal to the last bit."""
     units = frame.units_per_metre or 1.0
     stored = np.round(frame.depth.astype(np.float64) * units)
     camera = frame.intrinsics

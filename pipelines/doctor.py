@@ -1,10 +1,10 @@
-"""Stage `doctor`: checks of this machine, whether it is fit to find grasps.
+"""Stage `doctor`: checks that this machine is ready to find grasps.
 
-Reads   what is installed, this machine, the default weights and their manifest
+Reads   installed packages, this machine, the default weights and their manifest
 Writes  nothing
 
-Each thing is looked at by itself: one that is broken does not hide the others. So nothing is
-imported here that a broken package could keep from loading.
+Each part is checked separately: a broken part does not hide the others. So nothing is imported here
+that a broken package could keep from loading.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,9 +19,9 @@ NETWORKS = {"torch", "torchvision"}
 
 
 def run(config: DoctorConfig, *, folder: Path | None = None) -> Iterator[Check]:
-    """Yield what is found, one thing at a time; the last ones take seconds.
+    """Yield the checks, one at a time; the last checks take seconds.
 
-    `folder`: where results would go, for the room on its disk; the working folder if None.
+    `folder`: folder for results, for the free space of its disk; the working folder if None.
     """
     needed = packages.required()
     yield packages.python_check()
@@ -44,17 +44,17 @@ def run(config: DoctorConfig, *, folder: Path | None = None) -> Iterator[Check]:
 
 
 def exit_code(checks: Sequence[Check]) -> int:
-    """Return 1 if something is to be mended, else 0."""
+    """Return 1 if a check failed, else 0."""
     return int(any(check.status is Status.FAIL for check in checks))
 
 
 def _shipped(config: DoctorConfig, failed: Sequence[str]) -> Iterator[Check]:
-    """Yield what is found of the weights, and of the grasps that they give."""
+    """Yield the checks of the weights, and of the grasps that these weights find."""
     if failed:
-        why = f"not looked at: {' and '.join(failed)} must be mended first"
+        why = f"not checked: {' and '.join(failed)} must be fixed first"
         yield Check("weights", Status.WARN, why)
         return
-    from pipelines.health import golden  # noqa: PLC0415 - needs what was looked at above
+    from pipelines.health import golden  # noqa: PLC0415 - needs the packages checked above
 
     manifest, check = golden.manifest_check()
     yield check

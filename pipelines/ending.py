@@ -1,9 +1,9 @@
-"""Ends of processes: by a signal or with the parent, without temporary files.
+"""End of a process: by a signal or with its parent; temporary files are removed.
 
-A handler that raises would be swallowed where a library catches everything (trimesh does around
-its imports) and would leave modules half imported. So a signal ends the process from within its
-handler, unless a stage puts that off (`runtime/stopping.py`). Only the standard library is imported
-here: the command line sets its handlers before anything else is loaded.
+An exception from a handler would be swallowed where a library catches everything (trimesh does
+around its imports) and would leave modules half imported. So a signal ends the process from within
+its handler, unless a stage delays that (`runtime/stopping.py`). Only the standard library is
+imported here: the command line sets its handlers before anything else is loaded.
 """
 
 import os
@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import NoReturn
 
 SIGNALS = ("SIGTERM", "SIGINT", "SIGHUP")
-POLL = 0.5  # seconds between two looks whether the parent is still there
+POLL = 0.5  # seconds between two checks that the parent is running
 LONGEST_CREATION = 2.0  # seconds to wait for a thread that creates a temporary file
-# Children that clean up what this process could not free say so, unless they are told otherwise.
+# Silences the warnings of child processes that free resources left by this process.
 NO_WORD_OF_LEAKS = "ignore:resource_tracker:UserWarning"
 SHARED_MEMORY = Path("/dev/shm")
 SHOW_CURSOR = "\x1b[?25h"  # a progress bar hides it
@@ -30,14 +30,14 @@ _lock = threading.RLock()  # a handler may interrupt the main thread while it ho
 
 
 def create_temporary(path: Path, make: Callable[[Path], None]) -> None:
-    """Make the file or folder `path`, which the end of this process removes."""
+    """Make the file or folder `path`; it is removed when this process ends."""
     with _lock:
         _temporary.add(path)
         make(path)
 
 
 def remove_temporary(path: Path) -> None:
-    """Remove the file or folder `path`, if it is still there under that name."""
+    """Remove the file or folder `path`, if it still exists under that name."""
     if path.is_dir() and not path.is_symlink():
         import shutil  # noqa: PLC0415 - not needed at the start
 
@@ -49,7 +49,7 @@ def remove_temporary(path: Path) -> None:
 
 def end(code: int) -> NoReturn:
     """End this process at once with `code`; its temporary files are removed."""
-    _lock.acquire(timeout=LONGEST_CREATION)  # never given back: nothing is created any more
+    _lock.acquire(timeout=LONGEST_CREATION)  # never released: nothing is created any more
     for path in list(_temporary):
         with suppress(OSError):  # the next run removes it
             remove_temporary(path)
@@ -58,9 +58,9 @@ def end(code: int) -> NoReturn:
 
 
 def remove_joblib_folders(is_meant: Callable[[int], bool]) -> None:
-    """Remove joblib's empty folders in shared memory of the processes whose numbers are meant.
+    """Remove joblib's empty folders in shared memory, of the processes that `is_meant` accepts.
 
-    joblib makes a folder before it tells its tracker, which would remove it.
+    joblib makes a folder before it registers the folder with the tracker that would remove it.
     """
     for folder in SHARED_MEMORY.glob("joblib_memmapping_folder_*"):
         number = folder.name.split("_")[3]
@@ -74,8 +74,8 @@ def end_on_signals() -> None:
 
     A closed terminal does not end it under `nohup`.
     """
-    told = [os.environ.get("PYTHONWARNINGS"), NO_WORD_OF_LEAKS]
-    os.environ["PYTHONWARNINGS"] = ",".join(filter(None, told))
+    filters = [os.environ.get("PYTHONWARNINGS"), NO_WORD_OF_LEAKS]
+    os.environ["PYTHONWARNINGS"] = ",".join(filter(None, filters))
     for name in SIGNALS:
         number = getattr(signal, name, None)  # Windows has no SIGHUP
         is_nohup = name == "SIGHUP" and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
@@ -84,14 +84,14 @@ def end_on_signals() -> None:
 
 
 def set_farewell(sentence: str) -> None:
-    """Let the end by a signal say `sentence`, for a command that does not go on from anywhere."""
+    """Set the sentence that the end by a signal prints, for a command that cannot be resumed."""
     global _farewell  # noqa: PLW0603 - one process has one end
     _farewell = sentence
 
 
 @contextmanager
 def signal_handlers_kept() -> Iterator[None]:
-    """Undo what a library does meanwhile to the handlers of the signals that end this process."""
+    """Restore the handlers of the signals that end this process after a library replaced them."""
     numbers = [getattr(signal, name) for name in SIGNALS if hasattr(signal, name)]
     before = {number: signal.getsignal(number) for number in numbers}
     try:
@@ -103,8 +103,8 @@ def signal_handlers_kept() -> Iterator[None]:
 
 
 def end_by_signal(number: int, _frame: object = None) -> NoReturn:
-    """End this process at once as a signal does, with a sentence."""
-    if os.environ.get("RANK", "0") == "0":  # of the processes of torchrun the first one speaks
+    """End this process at once with the exit code of a signal, and print a sentence."""
+    if os.environ.get("RANK", "0") == "0":  # of torchrun's processes only the first prints
         shown = SHOW_CURSOR if os.isatty(2) else ""
         name = signal.Signals(number).name
         _say(f"{shown}error: stopped by {name}; {_farewell}\n")
@@ -126,7 +126,7 @@ def ctrl_c_put_off() -> Iterator[None]:
         return
     from multiprocessing import resource_tracker  # noqa: PLC0415 - not needed at the start
 
-    resource_tracker.ensure_running()  # its start would unblock it
+    resource_tracker.ensure_running()  # its later start would unblock SIGINT
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -135,10 +135,10 @@ def ctrl_c_put_off() -> Iterator[None]:
 
 
 def begin_worker(parent: int) -> None:
-    """Let this process, one of many workers, end with `parent` and leave Ctrl-C to it."""
+    """Let this worker process end with `parent`, and leave Ctrl-C to the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda number, _frame: end(128 + number))
-    if sys.platform != "win32":  # `ctrl_c_put_off` has blocked it
+    if sys.platform != "win32":  # `ctrl_c_put_off` has blocked SIGINT
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     end_with_parent(parent)
 
@@ -146,8 +146,8 @@ def begin_worker(parent: int) -> None:
 def end_with_parent(parent: int) -> None:
     """Let this process end soon after process `parent`, which started it, has ended.
 
-    A parent that is killed cannot end it, and it would hold its memory for minutes. Windows keeps
-    the parent's number: there it does not end by itself.
+    A killed parent cannot end its children, which would hold their memory for minutes. Windows
+    keeps the parent's process id, so children do not end by themselves there.
     """
     if sys.platform == "win32":
         return
@@ -160,5 +160,5 @@ def end_with_parent(parent: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-if hasattr(os, "register_at_fork"):  # the temporary files are the parent's
+if hasattr(os, "register_at_fork"):  # the temporary files belong to the parent
     os.register_at_fork(after_in_child=_temporary.clear)

@@ -1,4 +1,4 @@
-"""Errors a user can mend: each message says what, where, and what would be right."""
+"""Errors that a user can fix: each says what, where, and what would be right."""
 
 import difflib
 import re
@@ -6,13 +6,13 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-# Bytes that are no UTF-8, as file names may hold; what moves a terminal's cursor or ends a line;
-# what turns the direction of writing.
+# Bytes that are not UTF-8, which file names may contain; characters that move a terminal's cursor
+# or end a line; characters that change the direction of writing.
 UNPRINTABLE = re.compile("[\ud800-\udfff\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
 
 
 def printable(text: str) -> str:
-    """Return `text` with what no terminal should be sent written as in an URL, %1B for escape."""
+    """Return `text` with unprintable characters encoded as in a URL, such as %1B for escape."""
     return UNPRINTABLE.sub(_in_percent, text)
 
 
@@ -26,23 +26,23 @@ def _in_percent(found: re.Match[str]) -> str:
 class SymgraspError(Exception):
     """Base of every error that is reported as one sentence instead of a traceback.
 
-    `exit_code`: of a command that it ends: 1 for bad data, 2 for wrong usage.
+    `exit_code`: exit code of the command that it ends: 1 for bad data, 2 for wrong usage.
     """
 
     exit_code: int = 1
-    arguments: tuple[object, ...] | None = None  # of a constructor that takes no sentence
+    arguments: tuple[object, ...] | None = None  # those of a constructor that takes no sentence
 
     def __str__(self) -> str:
         """Return the sentence, in one line."""
         return printable(super().__str__())
 
     def __reduce__(self) -> str | tuple[Any, ...]:
-        """Let the error go from a worker to its parent."""
+        """Return the pickled form, in which a worker passes the error to its parent."""
         return super().__reduce__() if self.arguments is None else (type(self), self.arguments)
 
 
 class FormatError(SymgraspError):
-    """A file does not hold what its format demands."""
+    """The content of a file does not match its format."""
 
     def __init__(self, path: Path | str, found: str, expected: str) -> None:
         super().__init__(f"{path}: {found}; {expected}")
@@ -50,7 +50,7 @@ class FormatError(SymgraspError):
 
 
 class WriteError(SymgraspError):
-    """A result cannot be written: no fault of its item, and others could not be written either."""
+    """A result cannot be written, which is no fault of its item; other results would fail too."""
 
     def __init__(self, path: Path | str, why: str) -> None:
         super().__init__(
@@ -60,7 +60,7 @@ class WriteError(SymgraspError):
 
 
 class MissingInputError(SymgraspError):
-    """A stage's input is not there yet."""
+    """An input of a stage does not exist yet."""
 
     def __init__(self, path: Path | str, written_by: str) -> None:
         super().__init__(f"{path} does not exist; `{written_by}` writes it")
@@ -68,7 +68,7 @@ class MissingInputError(SymgraspError):
 
 
 class UnknownNameError(SymgraspError):
-    """A name was given that is not among the known ones."""
+    """A given name is not among the known names."""
 
     exit_code: int = 2
 
@@ -94,7 +94,7 @@ class StaleOutputError(SymgraspError):
 
 
 class ValueRangeError(SymgraspError):
-    """A value is outside what it may be; of an option, as `--top`, that is wrong usage."""
+    """A value is out of range; the value of an option, such as `--top`, is wrong usage."""
 
     def __init__(self, name: str, found: object, expected: str) -> None:
         super().__init__(f"{name} is {found}; it must be {expected}")
@@ -103,7 +103,7 @@ class ValueRangeError(SymgraspError):
 
 
 class SettingError(ValueRangeError):
-    """A setting of a file or a command line has a value that it cannot have: wrong usage."""
+    """A setting in a file or on the command line has an invalid value: wrong usage."""
 
     def __init__(self, name: str, found: object, expected: str) -> None:
         super().__init__(name, found, expected)

@@ -4,16 +4,16 @@ Reads   grasps.h5            of `infer`, run on a dataset in GraspNet-1Billion's
         ROOT/scenes, models  poses, labels, cameras, meshes
         ROOT/symmetry        of `annotate-symmetry`: the true symmetries and regions
         ROOT/affordance      of `refine-grasps`: for the oracle row
-        success.json         of `simulate`, if given, one a row: the rates of success in physics
+        success.json         of `simulate`, if given, one per row: the rates of success in physics
         TABLE.json           further tables of text, for the report to show
         NAME.h5              of `infer` with other settings or methods, on the same frames
 Writes  report.json          figures by row (ours, each NAME, baselines) and split
-        report.html          the same as one page: tables, curves, best and worst frames
-        report.frames/       what was found frame by frame, one file a scene
+        report.html          the same figures as one page: tables, curves, best and worst frames
+        report.frames/       the records of the frames, one file per scene
 
-Every visible object of a frame gets one grasp: the best of all regions that lie on it. An object
-without a grasp has quality 0. Finished scenes are not evaluated again. No more than a frame is in
-memory at a time, and of each prediction a few bytes for the figures.
+Every visible object of a frame gets one grasp: the best grasp of all regions on the object. An
+object without a grasp has quality 0. Finished scenes are not evaluated again. Memory holds one
+frame at a time, and a few bytes per prediction for the figures.
 """
 
 import functools
@@ -58,12 +58,12 @@ def run(
     tables: Sequence[Path] = (),
     seed: int = 0,
 ) -> StageReport:
-    """Evaluate `grasps` against `dataset` and write `output` and what lies beside it.
+    """Evaluate `grasps` against `dataset`; write `output` and the files next to it.
 
     `others`: further `grasps.h5` of the same frames, a row of the report each. `baselines`: also
     plan with ground truth, from the boundary, and at random by `seed`. `success`: each a
     `success.json` that `simulate` made of the grasps of a row, with the same gripper and dataset.
-    `tables`: JSON files of further tables, shown as they are.
+    `tables`: JSON files of further tables, shown unchanged.
     """
     runs = ComparedRuns.of(grasps, others, dataset)
     config = replace(config, gripper=runs.gripper(config.gripper))
@@ -101,9 +101,9 @@ def evaluate_frame(
     baselines: Baselines | None,
     seed: int,
 ) -> FrameRecord:
-    """Return the record of one frame, with those of `baselines` where these are wanted.
+    """Return the record of one frame, with the rows of `baselines` unless None.
 
-    `predictions`: of the frame by row, ours among them.
+    `predictions`: predictions for the frame by row, including our own row.
     """
     files = reader.root.frame(predictions[OURS].name)
     truth = reader.read(files)

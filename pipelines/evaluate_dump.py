@@ -3,11 +3,11 @@
 Reads   DUMP/scene_NNNN/CAMERA/NNNN.npy   rows (N, 17) of any detector, camera frame
         ROOT/scenes, models               poses, cameras; vertices, meshes, textured.sdf
 Writes  report.json                       AP, AP_0.4, AP_0.8 by camera and split
-        report.html                       tables, curves, what became of the grasps
-        report.scenes/                    accuracy (frames, 50, 6) and verdicts, a file a scene
+        report.html                       tables, curves, outcomes of the grasps
+        report.scenes/                    accuracy (frames, 50, 6) and verdicts, a file per scene
 
-A frame without a file, or with one that holds no grasp rows, is named and counts as one without
-grasps. Scenes that are finished are not evaluated again.
+A frame without a file, or with a file without grasp rows, is reported and counts as a frame without
+grasps. Finished scenes are not evaluated again.
 """
 
 import functools
@@ -44,7 +44,7 @@ NAMED = 5  # frames of a scene that a sentence names
 def run(
     dump: Path, dataset: Path, output: Path, config: EvaluateDumpConfig, options: BatchOptions
 ) -> StageReport:
-    """Evaluate the dump against `dataset` and write `output` and what lies beside it."""
+    """Evaluate the dump against `dataset`; write `output` and the files next to it."""
     root = GraspNetRoot.finished(dataset)
     items = _scene_items(dumped_scenes(dump), root, output, config)
     inputs = [item.stamp.inputs for item in items]
@@ -82,7 +82,7 @@ def _evaluate_scene(root: GraspNetRoot, config: EvaluateDumpConfig, item: WorkIt
 def _scene_items(
     scenes: Sequence[DumpedScene], root: GraspNetRoot, output: Path, config: EvaluateDumpConfig
 ) -> list[WorkItem]:
-    """Return one item a scene and camera; other grasps, true poses or meshes make it stale."""
+    """Return one item per scene and camera, stale once its grasps, poses or meshes change."""
     folder, digests, items = scenes_folder(output), InputDigests(root, exact=config.exact), []
     for scene in scenes:
         name = f"scene_{scene.scene_id:04d}_{scene.camera}"
@@ -96,7 +96,7 @@ def _stamp(config: EvaluateDumpConfig, inputs: Mapping[str, str]) -> Stamp:
 
 
 def _tally(items: Sequence[WorkItem], report: StageReport) -> DumpTally:
-    """Return figures scene by scene; frames at fault join the report."""
+    """Return the figures of all scenes; add faulty frames to the report."""
     tally = DumpTally()
     for item in items:
         scene: DumpedScene = item.arguments[0]

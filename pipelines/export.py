@@ -1,18 +1,18 @@
 """Stage `export`: grasps in the formats of other tools.
 
 Reads   grasps.h5                            of `infer`
-Writes  DUMP/scene_NNNN/CAMERA/NNNN.npy      `--to graspnet`: graspnetAPI's rows; of frames that
-                                             are none of a dataset, or of several that have the
-                                             same scenes, DUMP/NAME.npy
+Writes  DUMP/scene_NNNN/CAMERA/NNNN.npy      `--to graspnet`: graspnetAPI's rows; DUMP/NAME.npy for
+                                             frames outside a dataset, or of several datasets with
+                                             the same scenes
         OUT/predictions_NAME.npz             `--to contact-graspnet`
         OUT/NAME.yaml                        `--to isaac`: isaac_grasp files
         OUT/NAME.json                        `--to ros-json`: PoseArray and widths
         OUT.json, OUT.csv                    `--to json`, `--to csv`: all frames in one file
 
-Poses are of the base of a gripper, or of its tool centre point, in the frame of the camera, or of
-the robot's base where a hand-eye calibration is given. Frames without grasps have a file that says
-so; frames that failed have none, and are named. Folders hold `provenance.json`; OUT.csv has it
-beside it, OUT.json in it.
+Poses are those of the gripper's base or of its tool centre point, in the camera frame, or in the
+robot's base frame if a hand-eye calibration is given. Frames without grasps have a file without
+grasps; failed frames have no file, and are reported. Folders contain `provenance.json`; the
+provenance of OUT.csv is in a file next to it, that of OUT.json in OUT.json.
 """
 
 import time
@@ -67,7 +67,7 @@ from pipelines.storage.provenance import (
 STAGE = "export"
 FrameWriter = Callable[[Path, FrameGrasps, ExportHeader], None]
 FileWriter = Callable[[Path, Iterable[FrameGrasps], ExportHeader], None]
-# With what is put before and behind a frame's name to make its file's.
+# Writers, with the prefix and the suffix that turn a frame's name into its file name.
 TO_FOLDER: dict[str, tuple[FrameWriter, str, str]] = {
     "graspnet": (graspnet_dump.write_frame, "", ".npy"),
     "contact-graspnet": (contact_graspnet_predictions.write_frame, "predictions_", ".npz"),
@@ -87,14 +87,14 @@ def run(
     camera_to_base: Path | None = None,
     overwrite: bool = False,
 ) -> StageReport:
-    """Write the grasps of `grasps` to `output`: the folder or, as json and csv are, the file.
+    """Write the grasps of `grasps` to the folder `output`, or to the file for json and csv.
 
     `camera_to_base`: hand-eye calibration, for poses in the robot's base frame.
 
     Raises:
         SymgraspError: `grasps` or the calibration cannot be read, the format or gripper is not
-            known, `output` is somebody else's or was made otherwise, or none of the frames can be
-            written.
+            known, `output` was made by another program or with other settings, or none of the
+            frames can be written.
     """
     started, report = time.monotonic(), StageReport(STAGE)
     check_settings(config)
@@ -112,7 +112,7 @@ def run(
         frames = _with_path(frames, path_of, Claims(folds_case=folds_case(output)), index, report)
     frames = tally.counted(frames)
     if finished:
-        for _frame in frames:  # what could not be exported is named again
+        for _frame in frames:  # frames that could not be exported are reported again
             pass
         report.skipped.append(output.name)
         return report
@@ -133,7 +133,7 @@ def run(
 
 def _check_kind(output: Path, to: str) -> None:
     if to in TO_FILE and (output.suffix != f".{to}" or output.is_dir()):
-        raise SymgraspError(f"{output} is to be one file; let --out end in .{to}")
+        raise SymgraspError(f"{output} must be one file; give an --out that ends in .{to}")
     if to in TO_FOLDER and output.is_file():
         raise SymgraspError(f"{output} is a file; {to} is written as a folder, choose another")
 
@@ -141,11 +141,11 @@ def _check_kind(output: Path, to: str) -> None:
 def _gripper(index: GraspsIndex, name_or_path: str, config: ExportConfig) -> ExportGripper:
     model = load_gripper(name_or_path)
     behind = model.base_to_contacts
-    if config.to == "graspnet":  # its origin is no gripper's base
+    if config.to == "graspnet":  # the origin of its poses is no gripper's base
         behind = GRASPNET_DEPTH - model.tip_reach
-    elif config.to == "contact-graspnet" and not config.gripper:  # it has a gripper of its own
+    elif config.to == "contact-graspnet" and not config.gripper:  # it has its own gripper
         behind = contact_graspnet_predictions.BASE_TO_CONTACTS
-    checked = mapping_in(index.stamp, "inputs").get("gripper")  # old files do not say
+    checked = mapping_in(index.stamp, "inputs").get("gripper")  # old files lack it
     alike = gripper_digest(name_or_path) == checked if checked else name_or_path == index.gripper
     behind, origin = pose_origin(config.tcp, model, behind)
     return ExportGripper(model, behind, index.gripper, alike, origin)
@@ -174,10 +174,10 @@ def _refuse_others_work(output: Path) -> None:
     if not output.exists():
         return
     ours = (read_stamp(output) or {}).get("stage") == STAGE
-    # Of a run that was killed before it wrote the stamp beside it:
+    # A run that was killed before it wrote the stamp leaves a .csv without one:
     ours = ours or (output.suffix == ".csv" and grasp_csv.is_ours(output))
     if not ours:
-        raise SymgraspError(f"{output} exists and is no export of ours; choose another output")
+        raise SymgraspError(f"{output} exists and is no output of export; choose another output")
 
 
 def _exported(
@@ -188,7 +188,7 @@ def _exported(
     min_score: float,
     report: StageReport,
 ) -> Iterator[FrameGrasps]:
-    """Yield what is exported of each frame, one in memory at a time; name the others."""
+    """Yield the exported grasps frame by frame, one in memory at a time; report failed frames."""
     first = 0
     for result in read_results(grasps, range(len(index.names))):
         if result.status == "failed":
@@ -205,24 +205,24 @@ def _exported(
 
 
 def _write_file(output: Path, stamp: Stamp, write: Callable[[Path], None]) -> None:
-    beside = output.suffix == ".csv"  # a JSON text has its stamp within
-    if beside:  # never the stamp of one file beside another
+    has_sidecar = output.suffix == ".csv"  # a JSON file contains its stamp
+    if has_sidecar:  # a stamp must never be next to another file
         sidecar_of(output).unlink(missing_ok=True)
     write(output)
-    if beside:
+    if has_sidecar:
         write_sidecar(output, stamp)
 
 
 def _paths(to: str, index: GraspsIndex, report: StageReport) -> Callable[[str], Path]:
-    """Return what says where in the folder the file of a frame lies, by its name."""
+    """Return the function from a frame's name to the path of its file in the folder."""
     if to != "graspnet":
         return lambda name: frame_path(name, *TO_FOLDER[to][1:])
     states = zip(index.names, index.statuses, strict=True)
     shared = graspnet_dump.shared_place(name for name, status in states if status != "failed")
-    if shared is not None:  # of several datasets: none of them may take the others' place
+    if shared is not None:  # several datasets: their files must not overwrite each other
         report.notes["names"] = (
-            f"{shared[0]} and {shared[1]} would have one file in a dump; so all files are named as "
-            "the frames are, and what is before scene_NNNN in a name is a dump of its own"
+            f"{shared[0]} and {shared[1]} would have one file in a dump; so all files are named "
+            "like the frames, and each path before scene_NNNN is a separate dump"
         )
     return partial(graspnet_dump.frame_file, by_name=shared is not None)
 
@@ -234,7 +234,7 @@ def _with_path(
     index: GraspsIndex,
     report: StageReport,
 ) -> Iterator[FrameGrasps]:
-    """Yield the frames that have a file of their own; name those that can have none."""
+    """Yield the frames with a file name that is valid and unique; report the other frames."""
     claims.claim(STAMP_FILE, "the export's stamp")
     for frame in frames:
         name = frame.result.name

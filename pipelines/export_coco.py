@@ -57,7 +57,7 @@ def run(
     _refuse_stale(splits, items, options)
     report = run_batch(STAGE, items, partial(export_scene, root=root, config=config), options)
     if report.failed:
-        # With scenes missing, the split would differ, and a model be validated on trained scenes.
+        # Without the failed scenes the split would differ: training scenes might validate a model.
         count = f"{len(report.failed)} of {len(items)} scenes failed"
         report.notes["splits"] = f"not joined to annotations/, as {count}"
     elif not options.dry_run:
@@ -66,7 +66,7 @@ def run(
 
 
 def export_scene(item: WorkItem, root: GraspNetRoot, config: ExportCocoConfig) -> str:
-    """Export one scene; `item.arguments`: its files and the dataset's folder."""
+    """Export one scene; `item.arguments`: its files and the output folder."""
     scene, output_dir = item.arguments
     folder = output_dir / "images" / scene.folder.name / scene.camera
     for name in ("camK.npy", "rgb/0000.png", "depth/0000.png"):
@@ -97,8 +97,8 @@ def _splits(
 ) -> list[WorkItem]:
     """Return the annotation files of both splits; scenes seen by two cameras stay together.
 
-    `arguments`: the items of their scenes. The stamps are known before any scene is exported, so
-    that other settings are refused before anything is written.
+    `arguments`: the items of a split's scenes. The stamps are known before any scene is exported,
+    so that other settings are refused before anything is written.
     """
     held_out = held_out_scenes([_scene_name(i) for i in items], config.val_fraction, seed)
     splits = []

@@ -1,4 +1,4 @@
-"""finetune-detector: Mask R-CNN on masks of symmetric regions (Sec. III-D).
+"""Stage `finetune-detector`: training of Mask R-CNN on symmetric regions (Sec. III-D).
 
 Reads   ROOT/scenes/scene_NNNN/CAMERA/{rgb,depth,label,annotations}, ROOT/models/
         ROOT/symmetry/NNN.json       regions, from annotate-symmetry
@@ -58,10 +58,10 @@ def run(
     init: Path | None = None,
     options: BatchOptions | None = None,
 ) -> StageReport:
-    """Prepare the roots' frames of `split` (None: all) beside `output`, then train on them.
+    """Prepare the roots' frames of `split` (None: all) next to `output`, then train on them.
 
     `coco_weights`: a file of torchvision's COCO weights, or `download`; for the resnet50 variant.
-    `init`: weights of an earlier training to start from, the default ones for example.
+    `init`: weights of an earlier training to start from, for example the default weights.
     """
     with process_group(request.device) as (processes, device):
         started = time.monotonic()
@@ -74,9 +74,9 @@ def run(
         earlier = find_progress(output, stamp, request)
         if earlier is not None and earlier.finished:
             return StageReport(STAGE, skipped=[output.name])
-        with processes.one_first():  # the others find all frames there
+        with processes.one_first():  # the other processes find all frames prepared
             options = options or BatchOptions()
-            # What the first has made anew the others must not make once more.
+            # The other processes must not overwrite the frames that the first has just prepared.
             options = replace(options, overwrite=options.overwrite and processes.is_first)
             prepared = StageReport(STAGE)
             for root, items in scenes.items():
@@ -98,7 +98,7 @@ def replay(fault: Path) -> dict[str, float]:
 
 
 def _inputs(roots: Sequence[Path], init: Path | None, coco_weights: str | None) -> dict[str, str]:
-    """Return what the training came from.
+    """Return the names and digests of the training's inputs.
 
     Raises:
         ValueRangeError: two roots have the same name, or none is given.
@@ -124,12 +124,12 @@ def _name(root: Path) -> str:
 def frames_of(
     roots: Sequence[Path], output: Path, scenes: Sequence[str], val_fraction: float, seed: int
 ) -> FrameSets:
-    """Return the frames of `scenes`, each ROOT/SCENE; of each root some are there to validate on.
+    """Return the frames of `scenes`, each ROOT/SCENE: of each root some train, others validate.
 
-    Scenes that an earlier run prepared beside `output`, with another split, are none of them.
+    Scenes that an earlier run prepared next to `output`, with another split, are left out.
 
     Raises:
-        ValueRangeError: of a root there is no frame to train or to validate on.
+        ValueRangeError: a root has no frame to train on, or none to validate on.
     """
     sets = []
     for root in roots:
@@ -147,14 +147,14 @@ def frames_of(
 
 
 def _given_split(root: Path) -> set[str] | None:
-    """Return the scenes that a COCO dataset sets apart to validate on; None for other roots."""
+    """Return the validation scenes of a COCO dataset; None for other roots."""
     if not coco_instances.is_coco(root):
         return None
     return {frame.scene[:SCENE] for frame in coco_instances.read_coco_frames(root, "val")}
 
 
 def frames_folder(output: Path, root: Path) -> Path:
-    """Return where the run that writes `output` keeps the prepared frames of `root`."""
+    """Return the folder of the prepared frames of `root` for the run that writes `output`."""
     return output.with_name(f"{output.stem}.frames") / _name(root)
 
 
@@ -173,7 +173,7 @@ def scene_items(
     split: str | None = None,
     camera: str | None = None,
 ) -> list[WorkItem]:
-    """Return what is to be prepared of a root, or of a COCO dataset: an item a scene and camera."""
+    """Return the work items of a root or of a COCO dataset, one per scene and camera."""
     folder = frames_folder(output, root)
     if coco_instances.is_coco(root):
         return _coco_items(root, folder, config)
@@ -187,7 +187,7 @@ def scene_items(
 
 
 def _coco_items(root: Path, folder: Path, config: FinetuneDetectorConfig) -> list[WorkItem]:
-    """Return the scenes of a COCO instance dataset that has depth and cameras beside it."""
+    """Return the scenes of a COCO instance dataset that also has depth and cameras."""
     scenes: dict[str, list[CocoFrame]] = {}
     for split in coco_instances.COCO_SPLITS:
         for frame in coco_instances.read_coco_frames(root, split):

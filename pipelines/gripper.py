@@ -1,7 +1,7 @@
-"""Stage `gripper`: a gripper from a URDF, or a check of one, each with a picture.
+"""Stage `gripper`: a gripper from a URDF, or a check of a gripper, each with a picture.
 
 Reads   a URDF of a parallel gripper, or a gripper's TOML file, or a preset's name
-Writes  OUT.toml, of a URDF; and the gripper's picture, PNG
+Writes  OUT.toml for a URDF; the gripper's picture, PNG
 """
 
 import time
@@ -31,12 +31,12 @@ def run(
     picture: Path | None = None,
     overwrite: bool = False,
 ) -> StageReport:
-    """Read a gripper, say what is odd about it, and write what is wanted of it.
+    """Read a gripper, report its oddities, and write the requested files.
 
     `source`: URDF (`.urdf`, `.xml`), TOML file or preset. `output`: TOML file. `picture`: PNG.
 
     Raises:
-        SymgraspError: no gripper, or a file that is there.
+        SymgraspError: `source` is no gripper, or an output file exists.
     """
     started, report = time.monotonic(), StageReport(STAGE)
     for path in (output, picture):
@@ -79,7 +79,7 @@ def as_gripper_toml(gripper: Gripper, source: str) -> str:
 
 
 def oddities_of(gripper: Gripper) -> list[str]:
-    """Return what is unusual about measures that are possible."""
+    """Return the measures of a valid gripper that are unusual, a phrase each."""
     odd = []
     if gripper.finger_length + gripper.palm_depth > gripper.flange_to_tip + 1e-6:
         odd.append("fingers and palm together are longer than flange_to_tip")

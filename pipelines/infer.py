@@ -1,13 +1,13 @@
 """Stage `infer`: RGB-D frames in, ranked grasps out (Sec. III-E, III-F).
 
 Reads   a folder of RGB-D frames in any layout that `frames/frames.py` knows; weights
-Writes  one `grasps.h5` for all frames; with overlays, a picture a frame
+Writes  one `grasps.h5` for all frames; with overlays, a picture per frame
 
-Frames are worked on side by side, in two processes where there are many of them. Each finished one
-is a shard beside the output until all are done, so a run that was killed goes on where it stopped,
-and ends with the same bytes; the output is put together from the shards, so memory does not grow
-with the number of frames. A frame that cannot be read is listed as failed and does not stop the
-others; a frame with nothing to grasp is `empty`.
+Frames are processed in parallel, in two processes if there are many. Each finished frame is a shard
+next to the output until all are done, so a killed run resumes where it stopped and ends with the
+same bytes; the output is joined from the shards, so memory does not grow with the number of frames.
+A frame that cannot be read is listed as failed and does not stop the others; a frame with nothing
+to grasp is `empty`.
 """
 
 from collections.abc import Sequence
@@ -56,13 +56,13 @@ def run(
 ) -> StageReport:
     """Find grasps in all frames of `paths.frames`.
 
-    `stated`: camera and unit of all frames, instead of what the files beside them say. `timings`:
-    write the seconds a frame took; the file then differs from run to run.
+    `stated`: camera and unit of all frames, in place of the ones in the files next to them.
+    `timings`: write the seconds of each frame; the file then differs from run to run.
 
     Raises:
-        SymgraspError: no frames, unknown names, weights missing, or the output was made otherwise,
-            or by somebody else.
-        WriteError: no space or no permission to write; frames that are finished stay.
+        SymgraspError: no frames, unknown names, weights missing, or the output was made by another
+            program or with other settings.
+        WriteError: no space or no permission to write; finished frames stay.
     """
     check_names(config)
     refuse_others_work(paths.output)
@@ -71,7 +71,7 @@ def run(
     items = work.items(work.find())
     if not options.overwrite and paths.output.exists() and _is_whole(work, items):
         if not options.dry_run:
-            grasps_file.remove_shards(paths.output)  # of frames that were followed
+            grasps_file.remove_shards(paths.output)  # the parts of `infer --watch`
         report = _finished_report(paths, len(items))
     else:
         report = _make(work, items, options)
@@ -84,11 +84,11 @@ def run(
 
 
 def _make(work: Work, items: Sequence[WorkItem], options: BatchOptions) -> StageReport:
-    """Find the grasps of the frames that have none yet, and put the output together."""
+    """Find the grasps of the unfinished frames, and join the output."""
     settings = work.settings
     finished = {} if options.dry_run else {item.name: item for item in finished_of(items)}
     todo = [item for item in items if item.name not in finished]
-    # Shards are of this very run.
+    # Shards have this run's stamp, so --overwrite keeps them.
     beside = side_by_side(replace(options, overwrite=False), len(todo), settings.device)
     with settings.one_core() if beside.backend == "threading" else nullcontext():
         if todo and not options.dry_run:
@@ -102,13 +102,13 @@ def _make(work: Work, items: Sequence[WorkItem], options: BatchOptions) -> Stage
 
 
 def _is_whole(work: Work, items: Sequence[WorkItem]) -> bool:
-    """Return whether the output is that of `items`.
+    """Return whether the output is complete: that of `items`.
 
-    A run that followed the frames, and left its parts, may have ended before more of them came.
+    A run of `infer --watch`, which leaves its parts, may have ended before more frames arrived.
 
     Raises:
-        StaleOutputError: it was made otherwise. Settings are compared before any image is read.
-        SymgraspError: it was followed, and holds frames that are nowhere else.
+        StaleOutputError: the settings or inputs differ; no image is read to compare settings.
+        SymgraspError: the output is one of `infer --watch`, with frames that exist nowhere else.
     """
     refuse_other_settings(work)
     try:

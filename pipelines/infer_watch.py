@@ -1,12 +1,12 @@
-"""Stage `infer --watch`: grasps of each frame as a camera writes it, until it is stopped.
+"""Stage `infer --watch`: grasps of each frame as a camera writes it, until the stage is stopped.
 
 Reads   a folder that RGB-D frames are written into; weights
 Writes  `grasps.h5.parts/FRAME.h5` as soon as a frame's grasps are found, and `grasps.h5` of all
-        frames so far when nothing new comes, in a tenth of the time at most, and at the end, if
-        that takes no more than a few seconds after a signal
+        frames so far: whenever no frame arrives, for a tenth of the time at most, and at the end,
+        if that takes no more than a few seconds after a signal
 
 Both appear by renaming, so that a reader always sees whole files. The parts stay: the same command
-goes on from them, and `infer` without `--watch` ends with the same bytes and removes them.
+resumes from them, and `infer` without `--watch` ends with the same bytes and removes them.
 """
 
 from collections.abc import Callable
@@ -43,17 +43,17 @@ def run(
     clock: Clock | None = None,
     beside: Executor | None = None,
 ) -> StageReport:
-    """Find grasps in the frames of `paths.frames` as they come, until SIGINT, SIGTERM or time-out.
+    """Find grasps in new frames of `paths.frames` until SIGINT, SIGTERM or time-out.
 
-    The work is done in threads of this process. `notify`: called with each frame that was worked
-    on. `stated`: camera and unit of all frames, instead of what the files beside them say. `clock`:
-    the machine's, and `beside`, where the output is put together, a thread, unless a test brings
-    its own.
+    The work is done in threads of this process. `notify`: called with each processed frame.
+    `stated`: camera and unit of all frames, in place of the ones in the files next to them.
+    `clock`: the machine's by default; `beside`: executor that joins the output, a thread by
+    default. Tests pass their own.
 
     Raises:
-        SymgraspError: no such folder, unknown names, weights missing, or the output was made
-            otherwise, by somebody else, or holds frames that are nowhere else.
-        WriteError: no space or no permission to write; the same command goes on.
+        SymgraspError: no such folder, unknown names, weights missing, or the output was made by
+            another program or with other settings, or has frames that exist nowhere else.
+        WriteError: no space or no permission to write; the same command resumes.
     """
     check_names(config)
     refuse_others_work(paths.output)
@@ -74,13 +74,13 @@ def run(
 
 def _check_wishes(paths: InferPaths, options: BatchOptions) -> None:
     if not paths.frames.is_dir():
-        raise SymgraspError(f"{paths.frames} is no folder; give the one that frames come into")
+        raise SymgraspError(f"{paths.frames} is no folder; give the folder that receives frames")
     if paths.masks is not None:
         raise SymgraspError(
-            "--watch and --masks exclude each other: masks of frames to come are not there yet"
+            "--watch and --masks exclude each other: masks of later frames do not exist yet"
         )
     if not options.is_here or options.dry_run:
         raise SymgraspError(
-            "--watch works in one process, on all its cores; leave out --workers, --backend and "
+            "--watch runs in one process, on all its cores; leave out --workers, --backend and "
             "--dry-run"
         )

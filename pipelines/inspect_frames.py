@@ -1,10 +1,10 @@
-"""Stage `inspect`: what would be read of a folder of RGB-D frames, without running anything on it.
+"""Stage `inspect`: summary of the RGB-D frames that `infer` would read from a folder.
 
-Reads   a folder of RGB-D frames in any layout that `formats/layouts` knows, or one of its files
+Reads   a folder of RGB-D frames in any layout of `frames/layouts`, or one of its files
 Writes  nothing
 
-Frames of one layout, size, camera and unit are listed together. What cannot be read is failed, with
-the sentence that `infer` would give.
+Frames of one layout, size, camera and unit are listed together. Frames that cannot be read count as
+failed, with the sentence that `infer` would print.
 """
 
 import time
@@ -24,12 +24,12 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.runtime.batch import StageReport
 
 STAGE = "inspect"
-RANGE = (1, 99)  # percentiles of the measured depth: a few pixels are always far off
+RANGE = (1, 99)  # percentiles of the measured depth: a few pixels are always outliers
 
 
 @dataclass(frozen=True)
 class FrameFacts:
-    """What one frame showed."""
+    """Facts about one frame."""
 
     layout: str
     name: str
@@ -42,9 +42,9 @@ class FrameFacts:
 
 @dataclass(frozen=True)
 class Findings:
-    """What a folder holds: numbers of frames by layout, and those that were read.
+    """Summary of a folder: numbers of frames by layout, and facts about the frames read.
 
-    `groups`: frames alike in layout, size, camera and unit.
+    `groups`: frames of the same layout, size, camera and unit.
     """
 
     found: Counter[str]
@@ -53,9 +53,9 @@ class Findings:
 
 
 def run(frames: Path, config: InspectConfig, *, stated: FrameOptions = NOTHING_STATED) -> Findings:
-    """Read frames of a folder or file, evenly spread where there are many; say what they are.
+    """Read the frames of a folder or file, evenly spread if there are many; summarise them.
 
-    `stated`: camera and unit of all frames, instead of what the files beside them say.
+    `stated`: camera and unit of all frames, in place of the ones in the files next to them.
 
     Raises:
         SymgraspError: no frames.
@@ -72,7 +72,7 @@ def run(frames: Path, config: InspectConfig, *, stated: FrameOptions = NOTHING_S
 
 
 def findings_lines(findings: Findings) -> list[str]:
-    """Return what was found, line by line."""
+    """Return the findings as lines of text."""
     read = len(findings.report.done) + len(findings.report.failed)
     lines = [f"{count} frames as {layout}" for layout, count in findings.found.items()]
     if read < findings.found.total():

@@ -6,8 +6,8 @@ Writes  ROOT/models/NNN/              nontextured.ply, textured.obj: cleaned, me
         ROOT/objects.json             number NNN of each mesh
 
 A mesh keeps its number as long as objects.json exists; further meshes get the next free numbers. An
-object is labelled some points at a time by all workers; finished parts lie in NNN_labels.parts/, so
-an interrupted run continues. ROOT may be the root that is read: its models stay.
+object is labelled some points at a time by all workers; finished parts stay in NNN_labels.parts/,
+so an interrupted run continues. ROOT may be the input root: its models then stay.
 """
 
 import shutil
@@ -138,7 +138,7 @@ def _run_step(
 
 
 def _sources(meshes: Path, output: Path) -> list[Source]:
-    """Return the meshes to label with their ids; meshes of objects.json keep theirs."""
+    """Return the meshes to label with their ids; meshes of objects.json keep their ids."""
     if (meshes / "models").is_dir():
         root = GraspNetRoot(meshes)
         names = {record.object_id: record.name for record in _records(meshes)}
@@ -151,7 +151,7 @@ def _sources(meshes: Path, output: Path) -> list[Source]:
     numbers = {path.name: known[path.name] for path in paths if path.name in known}
     numbers |= dict(zip([p.name for p in paths if p.name not in known], free, strict=False))
     if len(numbers) < len(paths):
-        raise ValueRangeError("number of meshes", f"above {MAX_IDS}", "three digits a root")
+        raise ValueRangeError("number of meshes", f"above {MAX_IDS}", f"at most {MAX_IDS} a root")
     return [Source(numbers[path.name], path.stem, path) for path in paths]
 
 

@@ -4,10 +4,10 @@ Reads   ROOT/scenes/scene_NNNN/CAMERA/{depth,label,annotations}   sensor depth, 
         ROOT/models/NNN/nontextured.ply
         ROOT/symmetry/NNN.json       from annotate-symmetry
         ROOT/affordance/NNN.h5       from refine-grasps
-Writes  PACKED/scene_NNNN_CAMERA.h5  one file a scene; camera frame
+Writes  PACKED/scene_NNNN_CAMERA.h5  one file per scene; camera frame
 
-The points are those of the sensor inside a mask with a detector's errors, as at inference.
-Symmetries and affordance are those of the object, moved by its pose.
+The points are sensor points inside a mask with a detector's errors, as at inference. Symmetries and
+affordance are labels of the object, moved by its pose.
 """
 
 from collections.abc import Mapping, Sequence

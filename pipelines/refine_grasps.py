@@ -6,9 +6,9 @@ Reads   ROOT/models/NNN/nontextured.ply    the mesh on which contacts are found
 Writes  ROOT/affordance/NNN.h5             contact pairs with their copies, affordance of the
                                            surface; canonical frame
 
-The fingers of each labelled grasp close on the mesh along exact rays, so labels of another grid or
-another sampling of the surface give exact contacts. A label is read in pieces, since it has up to
-fifty million candidates.
+The fingers of each labelled grasp close on the mesh along exact rays, so labels on any grid or
+sampling of the surface give exact contacts. A label is read in pieces, since it has up to fifty
+million candidates.
 """
 
 from collections.abc import Iterable
@@ -133,7 +133,7 @@ def exact_grasps(
 
 
 def _closed(mesh: Mesh, holding: LabelledGrasps) -> RatedGrasps:
-    """Return those of `holding` whose fingers both meet the mesh, with exact contacts."""
+    """Return the grasps of `holding` where both fingers meet the mesh, with exact contacts."""
     rotation = _orthonormal(holding.rotation.astype(np.float64))
     tips = holding.origin + holding.depth[:, None].astype(np.float64) * rotation[:, :, 0]
     opened = GraspPoses(rotation, tips, holding.opening.astype(np.float64))

@@ -1,9 +1,9 @@
-"""score-grasps: anybody's grasps on anybody's mesh (Sec. IV-A).
+"""Stage `score-grasps`: verdicts on any grasps on any mesh (Sec. IV-A).
 
 Reads   MESH            in metres
-        MESH's .sdf     beside it, if it is there and `compatible`: graspnetAPI reads both
+        MESH's .sdf     next to it, if it exists, with `compatible`: graspnetAPI reads both
         GRASPS.npy      (N, 17) graspnetAPI's rows, in the mesh's frame
-Writes  VERDICTS.npz    contacts, smallest friction, antipodal score, collision: one row a grasp
+Writes  VERDICTS.npz    contacts, smallest friction, antipodal score, collision: one row per grasp
         VERDICTS.npz.provenance.json
 """
 
@@ -35,14 +35,14 @@ from pipelines.storage.provenance import digest, is_finished, make_stamp, refuse
 
 STAGE = "score-grasps"
 NAMED_FAULTS = 5
-UNSURE = "is not closed; near its holes the distance grid, and with it the verdicts, are a guess"
+UNSURE = "is not closed; near its holes the distance grid and the verdicts are unreliable"
 
 
 @one_run_at_a_time(STAGE, "output")
 def run(
     model: Path, grasps: Path, output: Path, config: ScoreGraspsConfig, *, overwrite: bool = False
 ) -> StageReport:
-    """Score the rows of `grasps` on the mesh `model`; rows that are no grasps are named.
+    """Score the rows of `grasps` on the mesh `model`; rows that are no grasps are reported.
 
     Raises:
         ValueRangeError: `output` is not named .npz.
@@ -81,20 +81,20 @@ def score(
 ) -> dict[str, NDArray[np.generic]]:
     """Return the verdicts on `rows` (n, 17), mesh frame, metres; see `VERDICT_ARRAYS`.
 
-    Compatible: contacts, friction grid and collision as graspnetAPI finds them, its faults
-    included; on `grid`, or on one computed from the mesh. Otherwise contacts are exact
-    intersections and collision that of triangles.
+    With `compatible`, contacts, friction grid and collision are as graspnetAPI finds them, its
+    faults included, on `grid` or on a grid computed from the mesh. Otherwise contacts are exact
+    intersections, and collision is tested on triangles.
     """
     clipped = rows.copy()
     clipped[:, 1] = np.clip(rows[:, 1], 0.0, config.clip_width)
-    grasps = from_graspnet(clipped)  # translation lies between the finger tips
+    grasps = from_graspnet(clipped)  # translation is between the finger tips
     if config.compatible:
         contacts = close_fingers_on_grid(grid or single_precision_grid(mesh), grasps, grasps.width)
         collision, empty = cloud_collision(mesh, grasps, rows[:, 3])
     else:
         contacts = close_fingers(mesh, grasps, grasps.width)
         collision, empty = exact_collision(mesh, grasps, rows[:, 3])
-        empty &= ~contacts.found  # samples of a large surface may miss what the fingers meet
+        empty &= ~contacts.found  # samples of a large surface may miss the points of contact
     smallest = min_friction(contacts)
     stepped = on_grid(smallest, config.friction_grid)
     return {

@@ -1,10 +1,10 @@
-"""Stage `serve`: grasps over HTTP, of models that are loaded once.
+"""Stage `serve`: grasps over HTTP, from models that are loaded once.
 
 Reads   frames, posted to /grasps as JSON
-Writes  nothing; answers with the grasps of the frame, as `export --to json` has them
+Writes  nothing; answers with the grasps of the frame, in the form of `export --to json`
 
-The server listens on this machine alone unless told otherwise: it knows no passwords. It ends with
-SIGTERM or Ctrl-C, after the frames that it has begun, or without those that outlast the grace.
+By default the server listens on this machine alone, as it checks no passwords. It ends on SIGTERM
+or Ctrl-C, once the frames in progress are answered or the grace period is over.
 """
 
 import json
@@ -38,7 +38,7 @@ def app_of(
 ) -> "FastAPI":
     """Return the HTTP application.
 
-    `detect`: the regions and grasps of a frame, as `GraspDetector.frame_result` gives them.
+    `detect`: returns the regions and grasps of a frame, as `GraspDetector.frame_result` does.
     `camera_to_base`: hand-eye calibration, for poses in the robot's base frame.
 
     Raises:
@@ -63,9 +63,9 @@ def app_of(
 
 
 def run(app: "FastAPI", config: ServeConfig) -> None:
-    """Serve until SIGTERM or Ctrl-C; frames that are begun are answered first, within the grace.
+    """Serve until SIGTERM or Ctrl-C; frames in progress are answered within the grace period.
 
-    A second signal waits for none.
+    A second signal ends the server at once.
 
     Raises:
         SymgraspError: the extra is not installed.
@@ -76,7 +76,7 @@ def run(app: "FastAPI", config: ServeConfig) -> None:
         raise SymgraspError('serve needs uvicorn: pip install "symgrasp[serve]"') from error
 
     def cut_off(number: int) -> NoReturn:
-        set_farewell(f"frames that it had begun and that take over {config.grace} s are lost")
+        set_farewell(f"frames in progress that take over {config.grace} s are lost")
         end_by_signal(number)
 
     class Server(uvicorn.Server):

@@ -5,12 +5,12 @@ Reads   grasps.h5               from `infer`, run on a dataset in GraspNet-1Bill
         ROOT/symmetry           from `annotate-symmetry`: kinds of the grasped regions
         ROOT/affordance         from `refine-grasps`, for the oracle among the baselines
 Writes  success.json            rates by split, kind of symmetry and friction
-        success.trials/         outcomes of all trials, one file a scene
-        success.convex/NNN.npz  convex pieces of models without such in the dataset
+        success.trials/         outcomes of all trials, one file per scene
+        success.convex/NNN.npz  convex pieces of models that have none in the dataset
 
 Every visible object of a frame gets one trial at each friction: with the grasp that `evaluate`
 scores, and with `baselines` also with the grasps of the other methods on the same regions.
-Finished scenes are not tried again. The dataset is only read.
+Finished scenes are not tried again. The dataset is not changed.
 """
 
 import functools
@@ -58,7 +58,7 @@ def run(
     baselines: bool = False,
     seed: int = 0,
 ) -> StageReport:
-    """Try `grasps` in the scenes of `dataset`; write `output` and the folders beside it.
+    """Try `grasps` in the scenes of `dataset`; write `output` and the folders next to it.
 
     `others`: further `grasps.h5` of the same frames, tried too. `baselines`: also try grasps
     planned with ground truth, from the boundary, and at random. `seed`: of coacd, which cuts models
@@ -95,7 +95,7 @@ def tables(output: Path) -> list[Table]:
 
 
 def pieces_folder(output: Path) -> Path:
-    """Return the folder of convex pieces that the dataset lacks, as it may be read-only."""
+    """Return the folder of convex pieces that the dataset lacks, which may be read-only."""
     return output.with_suffix(".convex")
 
 

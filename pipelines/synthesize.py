@@ -6,13 +6,13 @@ Writes  ROOT/models/NNN/                     nontextured.ply, textured.obj, conv
         ROOT/grasp_label/NNN_labels.npz      sampled and validated on GraspNet's grid
         ROOT/scenes/scene_NNNN/CAMERA/       rgb, depth, label, annotations, meta, poses;
                                              rect if there are collision labels
-        ROOT/scenes/.../surroundings.npz     bin, walls and the like, if there are any
+        ROOT/scenes/.../surroundings.npz     bin, walls and similar objects, if there are any
         ROOT/collision_label/scene_NNNN/     collisions of labelled grasps with the scene
         ROOT/objects.json                    family, pool and true symmetries of each object
 
-Scenes are numbered by GraspNet's splits; where a split has more than GraspNet's, its numbers go on
-1000 above. The objects depend on the seed only, so a training root and a test root of one seed
-share exactly the objects of the seen pool, and no scene.
+Scenes are numbered by GraspNet's splits; if a split has more scenes than GraspNet's, its numbers
+continue 1000 above. The objects depend on the seed only, so a training root and a test root of one
+seed share exactly the objects of the seen pool, and no scene.
 """
 
 from collections.abc import Sequence
@@ -46,7 +46,7 @@ from pipelines.synthesis.scenes.scene_files import write_scene
 
 STAGE = "synthesize"
 PLACE_OF_SPLIT = {"train": 0, "seen": 0, "similar": 1, "novel": 2}  # in POOLS_OF_FAMILIES
-MAX_OBJECTS = 9999  # label images have 16 bits if they must; names of models keep four digits
+MAX_OBJECTS = 9999  # label images have 16 bits if needed; names of models have up to four digits
 TAG_LABEL = 1  # purpose of a child seed; scenes use other tags
 
 
@@ -131,7 +131,7 @@ def _object_ids(config: SynthesizeConfig, num_models: int) -> dict[int, tuple[st
 
 @dataclass(frozen=True)
 class _Root:
-    """What is to be made: the objects and scenes of a root, of a user's meshes where there are any.
+    """Objects and scenes to make in a root, from the user's meshes if there are any.
 
     `ids`: pool and place in the pool of each object, by its id. `sources`: the user's meshes by
     their place; empty for procedural objects.
@@ -158,7 +158,7 @@ class _Root:
         return items
 
     def write_object_list(self) -> None:
-        """Write objects.json: these objects, and earlier records of others that have models."""
+        """Write objects.json: these objects, and earlier records of other objects with models."""
         path = self.files.root / "objects.json"
         earlier = object_list.read(path) if path.is_file() else []
         listed = {r.object_id: r for r in earlier if self.files.model_path(r.object_id).is_file()}
@@ -243,11 +243,11 @@ def _write_grid(item: WorkItem) -> None:
 
 
 def _scene_settings(config: SynthesizeConfig) -> dict[str, object]:
-    """Return the settings that a scene is stamped with."""
+    """Return the settings in the stamp of a scene."""
     # The numbers of scenes and splits of a run do not change a scene.
     settings = asdict(replace(config, splits=(), scenes_per_split=0))
     usual = SynthesizeConfig()
-    for name in ("scenery", "families"):  # older roots, which do not know these, are taken up
+    for name in ("scenery", "families"):  # older roots, which lack these settings, stay valid
         if getattr(config, name) == getattr(usual, name):
             del settings[name]
     return settings

@@ -1,7 +1,7 @@
-"""train: the symmetry-aware grasp network on packed regions (Sec. III-E, III-G).
+"""Stage `train`: training of the grasp network on packed regions (Sec. III-E, III-G).
 
 Reads   PACKED/**/*.h5              region clouds with labels, camera frame
-        ROOT/{models,symmetry,affordance}  with `--endless`: what fresh regions are rendered of
+        ROOT/{models,symmetry,affordance}  with `--endless`: objects to render new regions of
 Writes  NAME.safetensors            the best weights so far by validation on unseen scenes
         NAME.checkpoint.safetensors everything that `--resume` needs
         NAME.curves.png             loss and figures along the steps
@@ -80,7 +80,7 @@ def run(
 
 
 def _renderers(endless: Path, config: TrainConfig, seed: int, workers: int) -> "EndlessPool":
-    """Return the processes that render; a fault of the dataset is told before they start."""
+    """Return the rendering processes; a fault of the dataset is raised before they start."""
     from pipelines.synthesis.endless import trainable_objects  # noqa: PLC0415 - slow to import
     from pipelines.synthesis.endless_pool import EndlessPool  # noqa: PLC0415
 
@@ -89,11 +89,11 @@ def _renderers(endless: Path, config: TrainConfig, seed: int, workers: int) -> "
 
 
 def build(config: TrainConfig, seed: int, init: Path | None) -> SymmetryGraspNet:
-    """Return the network to start from: drawn, or with the weights of `init`.
+    """Return the network to start from: with random weights, or with the weights of `init`.
 
     Raises:
-        FormatError: `init` holds no such weights, or those of a network with other settings; one
-            that does not see the camera may start one that does.
+        FormatError: `init` holds no such weights, or weights of a network with other settings;
+            only `sees_camera` may differ, if it is off in `init` and on in `config`.
     """
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)  # layers are initialised from torch's own generator
@@ -103,9 +103,9 @@ def build(config: TrainConfig, seed: int, init: Path | None) -> SymmetryGraspNet
         wanted = config.network
         if wanted.sees_camera and settings == replace(wanted, sees_camera=False):
             tensors = widened(tensors, network)
-        elif settings != wanted:  # of the same shapes, maybe, and with another meaning
+        elif settings != wanted:  # the shapes may agree, but not their meaning
             found = f"is of a network with {_different(settings, wanted)}"
-            raise FormatError(init, found, f"{_different(wanted, settings)} is asked for")
+            raise FormatError(init, found, f"{_different(wanted, settings)} is requested")
         fill(network, tensors, init)
     return network
 
@@ -124,10 +124,10 @@ def replay(fault: Path) -> dict[str, float]:
 def region_sets(
     packed: Path | None, validation: Path | None, config: TrainConfig, seed: int
 ) -> tuple[RegionSet | None, RegionSet]:
-    """Return the packed regions to train on and those to validate on, of different scenes.
+    """Return the packed regions for training and for validation, of different scenes.
 
     Raises:
-        SymgraspError: there is nothing to validate on, or to train on.
+        SymgraspError: there are no regions for validation, or none for training.
     """
     if validation is not None:
         val_set = _all_regions(validation)
@@ -139,7 +139,7 @@ def region_sets(
         raise ValueRangeError(
             "--val",
             "not given",
-            "a folder of packed regions to judge by, where none are learned from",
+            "a folder of packed regions to validate on, as no packed regions are trained on",
         )
     reader = PackedReader(packed)
     train, val = split_by_scene(reader, config.val_fraction, np.random.default_rng(seed))
@@ -147,15 +147,15 @@ def region_sets(
 
 
 def _refuse_shared(train: PackedReader, validation: PackedReader) -> None:
-    """Raise ValueRangeError if a file to validate on, or a copy of it, is learned from."""
+    """Raise ValueRangeError if a file to validate on, or a copy of it, is trained on."""
     sizes: dict[int, list[Path]] = {}
     for path in train.paths:
         sizes.setdefault(path.stat().st_size, []).append(path)
     for path in validation.paths:
-        for learned in sizes.get(path.stat().st_size, []):
-            if digest(path) == digest(learned):
-                what = f"a folder without what is learned from, as {learned} is"
-                raise ValueRangeError("--val", path, what)
+        for trained in sizes.get(path.stat().st_size, []):
+            if digest(path) == digest(trained):
+                expected = f"a folder without the files that are trained on, such as {trained}"
+                raise ValueRangeError("--val", path, expected)
 
 
 def _all_regions(packed: Path) -> RegionSet:

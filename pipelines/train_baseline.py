@@ -1,8 +1,8 @@
-"""Stage `train-baseline`: a method that the paper compares with, on a dataset of its labels.
+"""Stage `train-baseline`: training of a method that the paper compares with.
 
-Reads   ROOT/scenes/scene_NNNN/CAMERA/  depth, label and what labels the method needs, as rect
+Reads   ROOT/scenes/scene_NNNN/CAMERA/  depth, label, and the labels of the method, such as rect
 Writes  NAME.safetensors             the best weights so far by validation on unseen scenes
-        NAME.frames/*.h5             the frames as the method sees them, made once
+        NAME.frames/*.h5             the frames as the method's inputs and targets, made once
         NAME.checkpoint.safetensors  everything that `--resume` needs
         NAME.curves.png              losses along the steps
         NAME.logs/                   TensorBoard scalars
@@ -54,9 +54,9 @@ def run(
     camera: str | None = None,
     options: BatchOptions | None = None,
 ) -> StageReport:
-    """Prepare the frames of `split` (None: all) of `root` beside `output`, then train on them.
+    """Prepare the frames of `split` (None: all) of `root` next to `output`, then train on them.
 
-    `name`: of the compared method.
+    `name`: name of the compared method.
 
     Raises:
         MissingInputError: the root lacks labels that the method needs.
@@ -73,7 +73,7 @@ def run(
         earlier = find_progress(output, stamp, request)
         if earlier is not None and earlier.finished:
             return StageReport(STAGE, skipped=[output.name])
-        with processes.one_first():  # the others find all frames there
+        with processes.one_first():  # the other processes find all frames prepared
             options = options or BatchOptions()
             options = replace(options, overwrite=options.overwrite and processes.is_first)
             step = partial(_prepare_scene, root=GraspNetRoot(root), peer=name, config=config)
@@ -106,11 +106,11 @@ def peer_items(
     split: str | None = None,
     camera: str | None = None,
 ) -> list[WorkItem]:
-    """Return the scenes to prepare of a root, an item a scene and camera.
+    """Return the work items of a root, one per scene and camera.
 
     Raises:
         MissingInputError: the root lacks labels that the method `name` needs.
-        SymgraspError: it has no scene of the split or the camera.
+        SymgraspError: the root has no scene of the split or the camera.
     """
     dataset = GraspNetRoot.finished(root)
     refuse_held_back(dataset)
@@ -134,7 +134,7 @@ def peer_items(
 def _prepare_scene(
     item: WorkItem, root: GraspNetRoot, peer: str, config: TrainBaselineConfig
 ) -> str:
-    """Write the frames of one scene as the method called `peer` sees them; return the count."""
+    """Write the frames of one scene as inputs and targets of `peer`; return the count."""
     (scene,) = item.arguments
     frames = scene.frames()[:: config.frame_stride]
     prepare = trained_peer(peer).peer.prepare

@@ -1,16 +1,16 @@
-"""train-critic: the critics of axes, planes and grasps, fitted to candidates with known truth.
+"""Stage `train-critic`: critics of axes, planes and grasps, fitted to candidates with known truth.
 
-Reads   ROOT/{scenes,models,symmetry}   frames of objects to learn from
-        HELD/...                        the same of objects that no network was trained on
-        the weights that candidates are found with: detector, network, critics made before
-Writes  NAME.safetensors                weights that name every feature, calibrated on HELD
+Reads   ROOT/{scenes,models,symmetry}   frames to train on
+        HELD/...                        the same, with objects that no network was trained on
+        weights to find candidates with: detector, network, earlier critics
+Writes  NAME.safetensors                weights with the name of every feature, calibrated on HELD
         NAME.rows/ROOT/*.h5             candidates of each scene with their truth, collected once
         NAME.checkpoint.safetensors     everything that `--resume` needs
         NAME.curves.png, NAME.logs/     loss and figures along the steps
         NAME.fault.safetensors          the batch, if a loss was not finite
 
-Axes and spheres have a regression each, fitted to ROOT, which must hold objects that no network was
-trained on. Planes and grasps have a network each over the points that a candidate sees.
+Axes and spheres each have a regression, fitted to ROOT, which must hold objects that no network was
+trained on. Planes and grasps each have a network on the points of a candidate.
 """
 
 import time
@@ -71,7 +71,7 @@ def run(
     paths: ModelPaths | None = None,
     options: BatchOptions | None = None,
 ) -> StageReport:
-    """Collect candidates of all roots beside `output`, then fit a critic of `kind` to them.
+    """Collect candidates of all roots next to `output`, then fit a critic of `kind` to them.
 
     `held_out`: roots that networks are validated and calibrated on. `init`: weights of an earlier
     critic to start from.
@@ -120,7 +120,7 @@ def replay(fault: Path) -> dict[str, float]:
 
 
 def _check_roots(kind: CriticKind, roots: Sequence[Path], held_out: Sequence[Path]) -> None:
-    """Raise SymgraspError unless the roots are what the kind of critic needs, and may be used."""
+    """Raise SymgraspError unless the roots suit the kind of critic and may be used."""
     names = [_name(root) for root in (*roots, *held_out)]
     if len(names) != len(set(names)):
         raise ValueRangeError("roots", ", ".join(names), "folders of different names")
@@ -134,10 +134,10 @@ def _check_roots(kind: CriticKind, roots: Sequence[Path], held_out: Sequence[Pat
 
 
 def _start(kind: CriticKind, init: Path | None) -> PointCritic | None:
-    """Return the critic to start from, None for weights that are drawn.
+    """Return the critic to start from, None for random weights.
 
     Raises:
-        ValueRangeError: the kind has no training that could start from weights.
+        ValueRangeError: critics of this kind are fitted in one step, without a start.
         FormatError: `init` holds no critic of this kind.
     """
     if init is None:
@@ -155,7 +155,7 @@ def weights_used(kind: CriticKind, paths: ModelPaths) -> dict[str, str]:
     """Return the digests of the weights that candidates of `kind` are found with.
 
     Raises:
-        MissingInputError: one of them is not there.
+        MissingInputError: one of the files does not exist.
     """
     written_by = {
         "detector": models.DETECTOR_BY,
@@ -174,7 +174,7 @@ def row_items(
     seed: int,
     weights: Mapping[str, str],
 ) -> list[WorkItem]:
-    """Return the scenes of `root` whose candidates are to be collected beside `output`."""
+    """Return the work items that collect candidates next to `output`, one per scene of `root`."""
     dataset = GraspNetRoot.finished(root)
     folder = output.with_name(f"{output.stem}.rows") / _name(root)
     scenes = dataset.chosen_scenes(None, None)
@@ -212,12 +212,12 @@ def collect_scene(
 
 @lru_cache(maxsize=1)
 def _reader(root: Path, config: EvaluateConfig) -> TruthReader:
-    """Return the reader of the truth of `root`, which keeps the objects that it read."""
+    """Return the reader of the truth of `root`, which caches the objects."""
     return TruthReader(GraspNetRoot(root), config)
 
 
 def _read(roots: Sequence[Path], items: Mapping[Path, Sequence[WorkItem]]) -> CriticRows:
-    """Return the candidates of all scenes of `roots` whose truth is known."""
+    """Return the candidates with known truth of all scenes of `roots`."""
     return critic_rows.read_known([item.target for root in roots for item in items[root]])
 
 
@@ -241,7 +241,7 @@ def _stamp(
 
 
 def _trained(training: TrainingRun, trainee: CriticTraining, *, resumes: bool) -> str:
-    """Train a network, calibrated on what is held out; return a note."""
+    """Train a network, calibrated on the held-out roots; return a note."""
     if resumes:
         training.resume()
     counts = f"{len(trainee.rows)} and {len(trainee.held)} candidates"

@@ -1,15 +1,15 @@
-"""Stage `view`: frames with their symmetries and grasps, to turn around in a browser.
+"""Stage `view`: interactive 3D pages of frames with their symmetries and grasps.
 
 Reads   grasps.h5                 of `infer`
         the RGB-D frames          where `infer` read them, or another folder
-Writes  OUT/frames/NAME.html      one page a frame that needs no other file and no network
-        OUT/frames/NAME.jpg       its picture
-        OUT/frames/NAME.rrd       if asked for: the same for rerun's viewer
+Writes  OUT/frames/NAME.html      one page per frame, which needs no other file and no network
+        OUT/frames/NAME.jpg       the frame's picture
+        OUT/frames/NAME.rrd       if requested: the same for rerun's viewer
         OUT/index.html            all frames, with pictures and links
 
-A page is finished once it lies there with its stamp, so a run that was killed goes on where it
-stopped, and only the pages of new or changed frames are made. Frames that `infer` failed on, or
-that cannot be read any more, are named and listed without a page.
+A page with its stamp is finished, so a killed run resumes where it stopped, and only the pages of
+new or changed frames are made. Frames that `infer` failed on, or that cannot be read any more, are
+reported and listed without a page.
 """
 
 import os
@@ -42,7 +42,7 @@ STAGE = "view"
 
 @dataclass(frozen=True)
 class ViewPaths:
-    """Where `view` reads from and writes to; `frames` None: where `infer` read them."""
+    """Paths that `view` reads and writes; `frames` None: the folder that `infer` read."""
 
     grasps: Path
     output: Path
@@ -54,7 +54,7 @@ class ViewPaths:
         return self.output / "index.html"
 
     def of_frame(self, name: str, suffix: str) -> Path:
-        """Return where a frame's file goes.
+        """Return the path of a frame's file.
 
         Raises:
             SymgraspError: the name, or a link, leads out of the folder.
@@ -77,10 +77,11 @@ class ViewPaths:
 def run(
     paths: ViewPaths, config: ViewConfig, options: BatchOptions, *, rerun: bool = False
 ) -> StageReport:
-    """Make the pages of all frames of `paths.grasps`, with `rerun` recordings for its viewer too.
+    """Make the pages of all frames of `paths.grasps`; `rerun`: also recordings for its viewer.
 
     Raises:
-        SymgraspError: no such file or frames, rerun is not installed, or the output is another's.
+        SymgraspError: no such file or frames, rerun is not installed, or the output was made by
+            another program or with other settings.
     """
     if rerun:
         need_rerun()
@@ -102,7 +103,7 @@ def run(
 
 
 def make_page(item: WorkItem, paths: ViewPaths, config: ViewConfig) -> str | None:
-    """Write the picture and the page of one frame; return what the page weighs."""
+    """Write the picture and the page of one frame; return the page's size and its result."""
     frame, result = _frame_of(item, paths)
     height, width = frame.depth.shape
     size = (config.picture_width, max(1, round(height * config.picture_width / width)))
@@ -122,7 +123,7 @@ def make_recording(item: WorkItem, paths: ViewPaths, config: ViewConfig) -> str 
 
 
 def _frame_of(item: WorkItem, paths: ViewPaths) -> tuple[Frame, FrameResult]:
-    """Return a frame with the camera that its grasps were found with, and these."""
+    """Return a frame with the camera that its grasps were found with, and the grasps."""
     source, place = item.arguments
     result = next(read_results(paths.grasps, [place]))
     frame = source.read()
@@ -134,14 +135,14 @@ def _frame_of(item: WorkItem, paths: ViewPaths) -> tuple[Frame, FrameResult]:
 
 
 def _check_output(paths: ViewPaths, whole: Stamp, *, overwrite: bool) -> None:
-    """Refuse a folder that is somebody else's, or made with other settings."""
+    """Refuse a folder that was made by another program or with other settings."""
     if paths.output.exists() and not paths.output.is_dir():
         raise SymgraspError(f"{paths.output} is no folder; choose another one")
     if paths.index.exists():
         stamp = read_stamp(paths.index)
         if stamp is None or stamp.get("stage") != STAGE:
             raise SymgraspError(
-                f"{paths.index} exists and is no view of ours; choose another --out"
+                f"{paths.index} exists and is no output of view; choose another --out"
             )
         is_finished(paths.index, whole, overwrite=overwrite)
 
@@ -149,7 +150,7 @@ def _check_output(paths: ViewPaths, whole: Stamp, *, overwrite: bool) -> None:
 def _items(
     paths: ViewPaths, whole: Stamp, sources: Mapping[str, FrameSource]
 ) -> tuple[list[WorkItem], dict[str, str]]:
-    """Return the pages to make, and why other frames have none."""
+    """Return the pages to make, and the reasons why other frames have none."""
     items, failed = [], {}
     digests: dict[Path, str] = {}  # a bag is one file of many frames: it is read once
     for place, result in enumerate(_results(paths)):
@@ -162,7 +163,7 @@ def _items(
         if result.status == "failed" or result.intrinsics is None:
             failed[result.name] = f"infer failed on it ({result.message}); it has no page"
         elif source is None:
-            failed[result.name] = "its images are not there any more; give --frames, their folder"
+            failed[result.name] = "its images do not exist any more; give --frames, their folder"
         else:
             inputs = dict(whole.inputs) | {"grasps": result_digest(result)}
             for number, path in enumerate(source.files):
@@ -181,7 +182,7 @@ def _record(
     options: BatchOptions,
     report: StageReport,
 ) -> None:
-    """Write recordings of the frames that have pages; into `report` goes what failed."""
+    """Write recordings of the frames that have pages; add failures to `report`."""
     wanted = [
         replace(item, target=paths.of_frame(item.name, ".rrd"))
         for item in items
@@ -212,5 +213,5 @@ def _entries(paths: ViewPaths, report: StageReport) -> Iterator[IndexEntry]:
 
 
 def _results(paths: ViewPaths) -> Iterator[FrameResult]:
-    """Yield what was found, a frame at a time."""
+    """Yield the results, a frame at a time."""
     return read_results(paths.grasps, range(len(read_index(paths.grasps).names)))

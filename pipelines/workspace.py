@@ -1,11 +1,11 @@
-"""Stage `workspace`: the table's frame, the regions, and a box or mask that holds them.
+"""Stage `workspace`: the table frame, the regions, and a box or mask around the regions.
 
 Reads   RGB-D frames in any layout
-Writes  OUT/NAME.png          the picture: the table's axes, the box, regions by number
+Writes  OUT/NAME.png          the picture: axes of the table frame, the box, regions by number
         OUT/NAME_mask.png     the same workspace as a mask, white inside, for `infer --workspace`
         OUT/provenance.json
 
-The box is given as options to paste into `infer`, of each frame and of all frames together.
+The boxes are printed as options of `infer`, for each frame and for all frames together.
 """
 
 import time
@@ -38,13 +38,13 @@ GEOMETRIC = InferConfig(regions="geometric")
 
 @dataclass
 class Workspaces:
-    """Boxes by frame; `report` has the options of each as notes."""
+    """Boxes by frame; the notes of `report` are the options of each box."""
 
     report: StageReport = field(default_factory=lambda: StageReport(STAGE))
     boxes: dict[str, WorkspaceBox] = field(default_factory=dict)
 
     def options(self) -> str | None:
-        """Return the options of a box around those of all frames; None where frames differ."""
+        """Return the options of a box around all boxes; None if their coordinate frames differ."""
         if len({box.frame for box in self.boxes.values()}) != 1:
             return None
         corners = np.array([box.corners for box in self.boxes.values()])
@@ -64,10 +64,11 @@ def run(
 ) -> Workspaces:
     """Draw workspaces of `frames`, a folder or one file of a frame, into the folder `output`.
 
-    `stated`: camera and unit of all frames, instead of what the files beside them say.
+    `stated`: camera and unit of all frames, in place of the ones in the files next to them.
 
     Raises:
-        SymgraspError: no frames, none with a workspace, or `output` is somebody else's.
+        SymgraspError: no frames, none with a workspace, or `output` was made by another program
+            or with other settings.
     """
     started, found = time.monotonic(), Workspaces()
     check_limits(LimitsConfig(box=config.box, box_frame=config.box_frame))
@@ -76,8 +77,8 @@ def run(
     inputs = {f"{s.name} {path.name}": digest(path) for s in sources for path in s.files}
     stamp = make_stamp(STAGE, config, inputs=inputs)
     if output.exists() and not (output / "provenance.json").is_file():
-        raise SymgraspError(f"{output} exists and is no folder of ours; choose another --out")
-    is_finished(output, stamp, overwrite=overwrite)  # the boxes are said again
+        raise SymgraspError(f"{output} exists and is no output of workspace; choose another --out")
+    is_finished(output, stamp, overwrite=overwrite)  # the boxes are printed again
     with atomic_folder(output) as folder:
         for source in sources:
             with found.report.attempting(source.name):
@@ -90,20 +91,20 @@ def run(
 
 
 def frame_box(seen: Observation, config: WorkspaceConfig) -> WorkspaceBox:
-    """Return the box of a frame: the one of `config`, else one around its regions.
+    """Return the box of a frame: the box of `config`, else a box around the regions.
 
     Raises:
-        SymgraspError: there are no regions, or no table for a box in its frame.
+        SymgraspError: there are no regions, or no support plane for a box in the table frame.
     """
     plane = seen.scene.plane
     if config.box:
         if config.box_frame == "table" and plane is None:
-            raise SymgraspError("no table is seen; give the box in the camera's frame")
+            raise SymgraspError("no support plane is found; give the box in the camera frame")
         in_table = plane is not None and config.box_frame == "table"
         T_box_cam = table_from_camera(plane) if in_table and plane else np.eye(4)
         return WorkspaceBox(np.reshape(config.box, (2, 3)), config.box_frame, T_box_cam)
     if not any(len(cloud) for cloud in seen.clouds):
-        raise SymgraspError("nothing stands out from its support, so there is no workspace")
+        raise SymgraspError("no region is found, so there is no workspace; take another frame")
     return suggested_box([cloud.points for cloud in seen.clouds], plane, config.margin)
 
 

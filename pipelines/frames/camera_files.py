@@ -1,6 +1,6 @@
-"""Pinhole cameras from the many small files that users have beside their images.
+"""Pinhole cameras from small files of many forms that are next to images.
 
-Internally the unit of depth is always `units_per_metre`. The files' own words clash: GraspNet's
+Internally the unit of depth is always `units_per_metre`. The keys of files conflict: GraspNet's
 factor_depth and our depth_scale divide, BOP's depth_scale multiplies to millimetres, RealSense's
 is metres per unit.
 """
@@ -36,8 +36,8 @@ FORMS = "fx, fy, cx, cy or a 3x3 matrix (cam_K, K, intrinsic_matrix) is expected
 UNITS_RANGE = (1e-3, 1e9)  # kilometres to nanometres: beyond, a file is damaged
 # A principal point this near the border means intrinsics of another image size.
 CENTRAL = (0.1, 0.9)
-# Of the image's side. Below, it would see more than 175 degrees, which no pinhole camera does: the
-# number is in other units, such as the lens's millimetres.
+# Least focal length, in sides of the image. Below it, the camera would see more than 175 degrees,
+# which no pinhole camera does: the number is in other units, such as the lens's millimetres.
 SHORTEST_LENGTH = 0.02
 
 
@@ -66,7 +66,7 @@ class CameraFile:
         """Return the intrinsics for images of this size.
 
         Raises:
-            FormatError: the camera is of images of another size, or its lengths are no pixels.
+            FormatError: the camera is for another image size, or its lengths are not in pixels.
         """
         size = f"{width}x{height}"
         if self.width is not None and (self.width, self.height) != (width, height):
@@ -89,11 +89,11 @@ class CameraFile:
 
     @classmethod
     def from_matrix(cls, path: Path, matrix: NDArray[Any], **facts: Any) -> "CameraFile":  # noqa: ANN401
-        """Return the camera of a (3, 3) or (4, 4) `matrix`, as `path` holds it."""
+        """Return the camera of a (3, 3) or (4, 4) `matrix` from the file `path`."""
         try:
             K = np.asarray(matrix, dtype=np.float64)
         except (TypeError, ValueError) as error:
-            raise FormatError(path, f"holds what is no number ({error})", FORMS) from error
+            raise FormatError(path, f"holds a value that is no number ({error})", FORMS) from error
         if K.shape not in ((3, 3), (4, 4)) or abs(K[2, 2] - 1.0) > 1e-6:
             raise FormatError(path, f"a camera matrix of shape {K.shape}", "3x3 is expected")
         fx, fy, cx, cy = (float(K[row, column]) for row, column in ((0, 0), (1, 1), (0, 2), (1, 2)))
@@ -101,11 +101,11 @@ class CameraFile:
 
 
 def check_units(name: str, units: float | None) -> None:
-    """Raise a ValueRangeError if `units` cannot be units per metre; None is unknown, and fine."""
+    """Raise a ValueRangeError if `units` cannot be units per metre; None (unknown) is allowed."""
     low, high = UNITS_RANGE
     if units is None:
         return
-    is_number = isinstance(units, int | float | np.number)  # a post may hold anything
+    is_number = isinstance(units, int | float | np.number)  # a POST may hold anything
     if not is_number or not low <= units <= high:  # written so that nan fails too
         raise ValueRangeError(name, units, f"between {low:g} and {high:g} units per metre")
 
@@ -130,7 +130,7 @@ def read_camera_file(path: Path, frame: str = "") -> CameraFile:
     A BOP `scene_camera.json` has one camera a frame; `frame` names it.
 
     Raises:
-        FormatError: none of the known forms.
+        FormatError: the file has none of the known forms.
     """
     match path.suffix.lower():
         case ".json" | ".intr":
@@ -153,14 +153,14 @@ def read_camera_file(path: Path, frame: str = "") -> CameraFile:
 
 
 def camera_from_mapping(path: Path, content: Any) -> CameraFile:  # noqa: ANN401 - JSON
-    """Return the camera of the keys and values that `path` holds.
+    """Return the camera of the keys and values of the file `path`.
 
     Raises:
         FormatError: keys are missing, or values are no numbers.
     """
     if not isinstance(content, dict):
         raise FormatError(path, "this is no JSON object", FORMS)
-    content = _the_one_below(content)
+    content = _with_camera(content)
     try:
         height, width = content.get("resolution") or (None, None)  # MegaPose's
         if isinstance(content.get("intrinsics"), list):
@@ -181,14 +181,14 @@ def camera_from_mapping(path: Path, content: Any) -> CameraFile:  # noqa: ANN401
             raise FormatError(path, f"lacks {', '.join(missing)}", FORMS)
         fx, fy, cx, cy = (float(value) for value in values.values())
     except (TypeError, ValueError, OverflowError) as error:
-        raise FormatError(path, f"holds what is no number ({error})", FORMS) from error
+        raise FormatError(path, f"holds a value that is no number ({error})", FORMS) from error
     return CameraFile(fx, fy, cx, cy, origin=str(path), **facts)
 
 
-def _the_one_below(content: dict[str, Any]) -> dict[str, Any]:
-    """Return what holds a camera: `content`, or the only mapping in it that does.
+def _with_camera(content: dict[str, Any]) -> dict[str, Any]:
+    """Return the mapping that holds the camera: `content`, with the only such mapping below it.
 
-    As `{"cam0": {...}}` of Kalibr, or `{"intrinsics": {"fx": ...}}`.
+    Examples are `{"cam0": {...}}` of Kalibr, and `{"intrinsics": {"fx": ...}}`.
     """
     if _states_a_camera(content):
         return content
@@ -234,7 +234,7 @@ def _matrix(path: Path, stored: Any) -> Array:  # noqa: ANN401 - JSON
     if numbers.size != 9:
         raise FormatError(path, f"a camera matrix of {numbers.size} numbers", "9 are expected")
     K = numbers.reshape(3, 3)
-    # Open3D stores columns one after the other: then the centre stands in the last row.
+    # Open3D stores column after column: then the principal point is in the last row.
     return np.asarray(K.T if K[2, 0] > 1.0 and K[0, 2] == 0.0 else K)
 
 
@@ -243,7 +243,7 @@ def _from_numbers(path: Path) -> CameraFile:
         text = existing(path).read_text(encoding="utf-8")
         numbers = np.array(re.split(r"[,\s]+", text.strip()), dtype=np.float64)
     except ValueError as error:
-        raise FormatError(path, f"holds what is no number ({error})", FORMS) from error
+        raise FormatError(path, f"holds a value that is no number ({error})", FORMS) from error
     match numbers.size:
         case 4:
             fx, fy, cx, cy = numbers.tolist()

@@ -1,4 +1,4 @@
-"""Camera files beside images: by their names, else by what they hold."""
+"""Search for camera files next to images: by their names, else by their content."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 from pipelines.errors import SymgraspError
 from pipelines.frames.camera_files import CameraFile, read_camera_file
 
-# Looked for beside the images, in this order; after them any *.intr.
+# Names that are searched next to the images, in this order; after them any *.intr.
 SHARED_CAMERA_FILES = (
     "camera.json",
     "camera_params.json",
@@ -30,14 +30,14 @@ SHARED_CAMERA_FILES = (
     "transforms.json",
     "scene_camera.json",
 )
-# Looked for first: the frame's own.
+# Endings of a frame's own camera file, which is searched first.
 OWN_CAMERA_ENDINGS = ("camera.json", "intrinsics.json", "meta.mat")
-# Files of other names that may hold a camera, and those that are only named to the user.
+# Suffixes of other files that may hold a camera, and of files that are only named to the user.
 READ = (".json", ".yaml", ".yml", ".intr", ".txt", ".npy")
 NAMED = (*READ, ".xml", ".ini", ".cfg", ".conf", ".toml", ".csv", ".mat")
-MOST_FILES = 20  # of a folder; more are poses or labels, one a frame
+MOST_FILES = 20  # in a folder; more files are poses or labels, one per frame
 MOST_BYTES = 100_000
-SHORTEST, LEAST_CENTRE = 10.0, 1.0  # pixels; a pose's numbers are below
+SHORTEST, LEAST_CENTRE = 10.0, 1.0  # pixels; the numbers of a pose are smaller
 
 
 def find_camera_file(folder: Path, name: str) -> Path | None:
@@ -55,7 +55,7 @@ def own_camera_file(folder: Path, name: str) -> Path | None:
 def shared_camera_file(folder: Path) -> Path | None:
     """Return the camera file of all frames in `folder`.
 
-    One of another name than usual counts if no file beside it holds another camera.
+    A file with an unusual name counts if no file next to it holds another camera.
     """
     shared = (folder / file for file in SHARED_CAMERA_FILES)
     usual = next((path for path in shared if path.is_file()), None)
@@ -80,7 +80,7 @@ def cameras_in(folder: Path) -> Iterator[tuple[Path, CameraFile]]:
 
 
 def where_a_camera_may_be(image: Path) -> str:
-    """Return what a user can do about an image that no camera is known for."""
+    """Return advice for the user on an image without a known camera."""
     advice = "give --intrinsics fx,fy,cx,cy"
     folders = [image.parent, image.parent.parent]
     found = [path for folder in folders for path, _camera in cameras_in(folder)]
@@ -90,11 +90,11 @@ def where_a_camera_may_be(image: Path) -> str:
     others = [path.name for path in _small_files(image.parent, NAMED)]
     unread = f"; no camera was found in {', '.join(others[:3])}" if others else ""
     known = "*_camera.json, intrinsics.json, cam_K.txt, ..."
-    return f"{advice}, or put a camera file ({known}) beside it{unread}"
+    return f"{advice}, or put a camera file ({known}) next to it{unread}"
 
 
 def _small_files(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
-    """List the small files with one of `suffixes`, none where there is one a frame."""
+    """List the small files with one of `suffixes`; none if there are so many, one per frame."""
     try:
         files = sorted(path for path in folder.iterdir() if path.suffix.lower() in suffixes)
         files = [path for path in files if path.is_file() and not path.name.startswith(".")]

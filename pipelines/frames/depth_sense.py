@@ -1,8 +1,8 @@
-"""Depth that makes no sense as geometry, by its flat surface and by what stands on it.
+"""Checks for implausible depth, by its flat surface and the objects on that surface.
 
-A flat surface is affine in inverse depth. If it is rather affine in the numbers themselves, these
-are inverse depth or disparity. If what stands on it lies behind it, near and far are swapped. If
-that is as wide as a door or as narrow as a pencil, the unit is another one (D. 126).
+A flat surface is affine in inverse depth. If it is instead affine in the stored numbers, these are
+inverse depth or disparity. If the objects are behind the surface, near and far are swapped. If the
+objects are as wide as a door or as narrow as a pencil, the unit is wrong (D. 126).
 """
 
 from dataclasses import dataclass
@@ -12,25 +12,25 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-WIDTH = 160  # to which images are thinned
-FITTED = 4000  # pixels to which the flat surface is fitted
+WIDTH = 160  # columns of a thinned image
+FITTED = 4000  # pixels that the flat surface is fitted to
 ITERATIONS = 200
 REFITS = 5
 FEWEST = 200  # pixels
 # Of the median inverse depth; noise of sensors is some 0.003.
 ON_SURFACE, OFF_SURFACE = 0.006, 0.02
-SMALLEST = 30  # pixels of a thing that stands on the surface
-ENCLOSED = 0.5  # least share of a thing's surroundings that is the surface
-# Of 35 real frames, and these with inverse depth: 0.33 to 0.98, and 1.02 to 3.1.
+SMALLEST = 30  # pixels of an object on the surface
+ENCLOSED = 0.5  # least share of the surface in the surroundings of an object
+# 35 real frames have 0.33 to 0.98; the same frames as inverse depth have 1.02 to 3.1.
 FLATTER, AS_FLAT = 1.3, 1.0
 PITS, MANY_PITS = 0.01, 0.05  # shares of the image; in the same frames at most 0.043
 PITS_TO_THINGS = 5.0
-LIKELY_SIZES = (0.015, 0.4)  # m, of the median thing; in the same frames 0.056 to 0.23
+LIKELY_SIZES = (0.015, 0.4)  # m, of the median object; in the same frames 0.056 to 0.23
 LOOKS_INVERSE = (
     "the depth looks like inverse depth or disparity: flat surfaces are flat in its numbers, not "
     "in their inverse; save distances in metres, z = focal length x baseline / disparity"
 )
-SWAPPED = "what should stand on the flat surface lies behind it: near and far look swapped"
+SWAPPED = "objects on the flat surface appear behind it: near and far look swapped"
 COARSE = 0.015  # of the depth: steps between neighbouring values; sensors have 0.003 at 1 m
 
 Values = NDArray[np.float64]
@@ -41,7 +41,7 @@ class _Surface:
     """The flat surface with most pixels: x = a u + b v + c of thinned pixels."""
 
     affine: Values  # (3,)
-    share: float  # of the pixels that lie on it
+    share: float  # share of the pixels that are on the surface
 
     def over(self, x: Values) -> Values:
         """Return by how much `x` (H, W) exceeds the surface."""
@@ -62,12 +62,12 @@ class _Shape:
 
     @cached_property
     def surface(self) -> _Surface | None:
-        """The flat surface; None where too little is measured."""
+        """The flat surface; None if too few pixels are measured."""
         enough = np.count_nonzero(np.isfinite(self.depth)) >= FEWEST
         return _flat_surface(self.inverse) if enough else None
 
     def things(self, over: Values) -> list[NDArray[np.bool_]]:
-        """Return masks of pieces of `over` above `OFF_SURFACE` that the surface surrounds."""
+        """Return masks of the objects: parts of `over` above `OFF_SURFACE`, within the surface."""
         count, labels, boxes, _ = cv2.connectedComponentsWithStats(
             (over > OFF_SURFACE).astype(np.uint8), connectivity=4
         )
@@ -87,9 +87,9 @@ class _Shape:
 
 
 def depth_oddities(depth: NDArray[np.float32], focal_length: float) -> list[str]:
-    """Return what speaks against `depth` (H, W) being distances in metres, 0 = missing.
+    """Return reasons why `depth` (H, W), 0 = missing, cannot be distances in metres.
 
-    A sentence each; `focal_length` in pixels.
+    Each reason is a sentence; `focal_length` is in pixels.
     """
     shape = _thinned(depth)
     found = _steps(shape.depth)
@@ -97,13 +97,13 @@ def depth_oddities(depth: NDArray[np.float32], focal_length: float) -> list[str]
         return found
     if (swapped := _swapped(shape)) is not None:
         return [*found, swapped]
-    metres = max(1, round(depth.shape[1] / WIDTH)) / focal_length  # of a pixel at one metre
+    metres = max(1, round(depth.shape[1] / WIDTH)) / focal_length  # width of a pixel at one metre
     things = shape.things(shape.surface.over(shape.inverse))
     sizes = [np.sqrt(mask.sum()) * metres * np.nanmedian(shape.depth[mask]) for mask in things]
     size = float(np.median(sizes)) if sizes else LIKELY_SIZES[0]
     if not LIKELY_SIZES[0] <= size <= LIKELY_SIZES[1]:
         found.append(
-            f"what stands on the flat surface is {size:.2g} m wide, which no gripper takes: "
+            f"objects on the flat surface are {size:.2g} m wide, which no gripper can grasp: "
             "is the unit of the depth right (--depth-units-per-metre)?"
         )
     return found
@@ -137,7 +137,7 @@ def _swapped(shape: _Shape) -> str | None:
 
 
 def _steps(depth: Values) -> list[str]:
-    """Return a sentence on depth that has few values, as a picture of 8 bits has."""
+    """Return a sentence if depth has few distinct values, as in a picture of 8 bits."""
     values = np.unique(depth[depth > 0])
     if len(values) < 2:
         return []
@@ -146,13 +146,13 @@ def _steps(depth: Values) -> list[str]:
     step = float(np.median(np.diff(around)))
     if step < COARSE * float(around.mean()):
         return []
-    return [f"the depth changes in steps of {1000 * step:.0f} mm, as one saved with 8 bits does"]
+    return [f"the depth changes in steps of {1000 * step:.0f} mm, like depth saved with 8 bits"]
 
 
 def _flat_surface(x: Values) -> _Surface | None:
-    """Return the surface x = a u + b v + c that most finite pixels of `x` (H, W) lie on.
+    """Return the surface x = a u + b v + c that contains most finite pixels of `x` (H, W).
 
-    `x` has a median of 1. None if all drawn pixels lie on lines.
+    `x` has a median of 1. None if all drawn pixels are collinear.
     """
     rng = np.random.default_rng(0)
     rows, columns = np.nonzero(np.isfinite(x))

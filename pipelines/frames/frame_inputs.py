@@ -1,8 +1,8 @@
-"""Digests of a frame's files, taken when they are needed: before the frame is read, in its worker.
+"""Digests of a frame's files, taken when they are needed: in the worker, before the frame is read.
 
 A dataset has terabytes of images; a pass over every byte before the first frame would take hours.
-A result that is there already says the size and time of change of the files that it was made of:
-where these are the same, its digests are taken over without reading (D. 127).
+An existing result records the size and time of change of its files: if these are the same, its
+digests are reused without reading the files (D. 127).
 """
 
 from collections.abc import Iterator, Mapping
@@ -17,7 +17,7 @@ UNREADABLE = "unreadable"
 
 
 class FrameInputs(Mapping[str, str]):
-    """Digests by name: those that all frames share, and of the frame's own files, made lazily."""
+    """Digests by name: of inputs that all frames share, and lazily of the frame's own files."""
 
     def __init__(self, common: Mapping[str, str], files: tuple[Path, ...]) -> None:
         self._common = common
@@ -38,19 +38,19 @@ class FrameInputs(Mapping[str, str]):
 
     @property
     def are_known(self) -> bool:
-        """Whether the digests are there, so that no file is read for them."""
+        """Whether the digests are known, so that no file is read for them."""
         return self._own is not None
 
     def signatures(self) -> dict[str, Signature]:
-        """Return the size and time of change that the files had just before they were digested."""
+        """Return the size and time of change of the files, just before their digests were made."""
         self._digests()
         return self._signatures or {}
 
     def take_over(self, stamp: Mapping[str, Any], *, unseen: bool = False) -> None:
-        """Take the digests of the files from the stamp of a result that was made of them.
+        """Take the digests of the files from the stamp of a result that was made of the files.
 
-        Only if their sizes and times of change are those that the stamp has; `unseen`: whatever
-        they are now, as for a result of this very run.
+        Only if their sizes and times of change agree with the stamp; `unseen`: without this check,
+        for a result of the same run.
         """
         inputs, signatures = stamp.get("inputs"), stamp.get("recorded", {}).get("files")
         if not isinstance(inputs, dict) or not self._files.keys() <= inputs.keys():
@@ -62,7 +62,7 @@ class FrameInputs(Mapping[str, str]):
 
     def _digests(self) -> dict[str, str]:
         if self._own is None:
-            # Looked at first: a file that changes meanwhile has another signature afterwards.
+            # Signatures come first: a file that changes meanwhile has another signature later.
             self._signatures = {name: _signature(path) for name, path in self._files.items()}
             self._own = {
                 name: _digest(path, *self._signatures[name]) for name, path in self._files.items()
@@ -73,7 +73,7 @@ class FrameInputs(Mapping[str, str]):
 def _signature(path: Path) -> Signature:
     try:
         state = path.stat()
-    except OSError:  # reading the frame says why
+    except OSError:  # reading the frame reports why
         return [-1, -1]
     return [state.st_size, state.st_mtime_ns]
 
@@ -82,5 +82,5 @@ def _signature(path: Path) -> Signature:
 def _digest(path: Path, _size: int, _changed: int) -> str:
     try:
         return digest(path)
-    except OSError:  # reading the frame says why
+    except OSError:  # reading the frame reports why
         return UNREADABLE

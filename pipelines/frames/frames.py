@@ -26,17 +26,17 @@ def find_frames(
 ) -> list[FrameSource]:
     """List the RGB-D frames of `folder`, sorted by folder and name.
 
-    Layouts are told apart by their files. A folder that holds frames is not searched further
-    down; one that holds none is searched folder by folder. Images are not read yet:
-    `FrameSource.read` does, and raises.
+    Layouts are distinguished by their files. A folder that holds frames is not searched further
+    down; a folder that holds none is searched folder by folder. Images are not read yet:
+    `FrameSource.read` reads them, and raises their faults.
 
     Args:
-        folder: where to look, or one file of a frame (an image, `.npz`, `.pcd`).
-        stated: camera and unit of all frames, instead of what the files beside the images say;
-            whether to take the arrays out of pickles too, with `plain_pickle`.
-        camera: of GraspNet scenes only this camera, `kinect` or `realsense`; all if None.
-        scenes: of GraspNet roots only the scenes of these numbers; all if None.
-        may_be_empty: a folder without frames is an empty list, no error.
+        folder: folder to search, or one file of a frame (an image, `.npz`, `.pcd`).
+        stated: camera and unit of all frames, in place of the ones in the files next to the images;
+            whether to read arrays from pickles too, with `plain_pickle`.
+        camera: in GraspNet scenes only this camera, `kinect` or `realsense`; all if None.
+        scenes: in GraspNet roots only the scenes of these numbers; all if None.
+        may_be_empty: a folder without frames gives an empty list, no error.
 
     Raises:
         SymgraspError: no such folder, no frames in it, or a dataset that is unfinished.
@@ -54,7 +54,7 @@ def find_frames(
 
 
 def _beside(file: Path, options: FrameOptions) -> list[FrameSource]:
-    """List the frames of the file's folder, and of the one above: images may lie in `rgb/`."""
+    """List the frames of the file's folder, and of the folder above: images may be in `rgb/`."""
     if not file.is_file():
         return []
     folders = (file.parent, file.parent.parent)
@@ -63,7 +63,7 @@ def _beside(file: Path, options: FrameOptions) -> list[FrameSource]:
 
 
 def _is_wanted(camera: str | None, scenes: Container[int] | None, folder: str) -> bool:
-    """Return whether a folder of a GraspNet root is of the wanted ones; all other folders are."""
+    """Return whether a folder of a GraspNet root is wanted; all other folders are."""
     if folder in GRASPNET_CAMERAS:
         return camera in (None, folder)
     scene = re.fullmatch(r"scene_(\d{4})", folder)
@@ -78,7 +78,7 @@ def _search(
     direct = frames_in(folder, prefix, options)
     if direct:
         return direct
-    # Of a GraspNet root only the scenes hold frames; models/ is large.
+    # In a GraspNet root only the scenes hold frames; models/ is large.
     below = [folder / "scenes"] if (folder / "scenes").is_dir() else sorted(folder.iterdir())
     sources = []
     for child in below:

@@ -1,4 +1,4 @@
-"""Record of how the frames of a `grasps.h5` were read: later stages read the same ones by it."""
+"""Record of how the frames of a `grasps.h5` were read, by which later stages read them again."""
 
 import os
 from collections.abc import Mapping
@@ -18,15 +18,15 @@ from pipelines.storage.files import real_path
 
 @dataclass(frozen=True)
 class FramesRecord:
-    """A folder of frames, and what was said of them in place of the files beside them."""
+    """A folder of frames, and the options stated in place of the files next to them."""
 
     folder: Path
     stated: FrameOptions = NOTHING_STATED
 
     def beside(self, output: Path) -> dict[str, Any]:
-        """Return it as a JSON object; the folder relative to that of `output`, if it can be.
+        """Return the record as JSON; its folder is relative to that of `output`, if possible.
 
-        So both may be moved together, and no folder of a user's is named needlessly.
+        So both may be moved together, and no folder of the user is named needlessly.
         """
         try:
             folder = os.path.relpath(real_path(self.folder), real_path(output).parent)
@@ -48,7 +48,7 @@ class FramesRecord:
         Args:
             grasps: the file.
             attrs: as `grasps_stream.read_index` gives them.
-            folder: where the frames lie now, if not where they lay.
+            folder: folder of the frames, if they were moved.
 
         Raises:
             FormatError: nothing is recorded and no folder given, or the folder is gone.
@@ -63,9 +63,9 @@ class FramesRecord:
         if folder is not None:
             return replace(record, folder=folder)
         if "frames" not in stored:
-            raise FormatError(grasps, "does not say where its frames lie", "give --frames")
+            raise FormatError(grasps, "does not name the folder of its frames", "give --frames")
         if not record.folder.exists():
-            found = f"its frames lay in {record.folder}, which does not exist"
+            found = f"its frames were in {record.folder}, which does not exist"
             raise FormatError(grasps, found, "give --frames")
         return record
 
@@ -75,7 +75,7 @@ class FramesRecord:
 
 
 def _camera(stored: Mapping[str, Any]) -> CameraFile:
-    """Return the camera of its fields; files written before it had a distortion lack that."""
+    """Return the camera of the fields `stored`; older files have no distortion."""
     bent = stored.get("distortion", {})
     lens = Distortion(**{**bent, "coefficients": tuple(bent.get("coefficients", ()))})
     return CameraFile(**{**stored, "distortion": lens})

@@ -1,8 +1,8 @@
 """The small files of a GraspNet-1Billion scene: annotations, meta, cameras, object list.
 
-`annotations/NNNN.xml` holds 6D poses with four decimals, written in the order in which the original
-reader takes them and read by their tags; `meta/NNNN.mat` holds the same poses in float32. Poses map
-object to camera coordinates in metres (the tag `pos_in_world` notwithstanding).
+`annotations/NNNN.xml` holds 6D poses with four decimals, written in the order that the original
+reader expects, and read by their tags; `meta/NNNN.mat` holds the same poses in float32. Poses map
+object to camera coordinates in metres (despite the tag `pos_in_world`).
 """
 
 import io
@@ -38,9 +38,9 @@ OBJECT_ID = re.compile(rb"<obj_id>\s*(\d+)\s*</obj_id>")
 NEEDED_FIELDS = ("obj_id", "pos_in_world", "ori_in_world")
 # Four decimals of a quaternion turn a pose by up to about 1e-4 rad.
 LARGEST_ROUNDING = 5e-4
-# How far R^T R, or a quaternion's length, may be off one: rounding is far below, faults far above.
+# Largest error of R^T R, or of a quaternion's length: rounding is far below, faults far above.
 RIGID_TOLERANCE = 1e-2
-# How far R^T R may be off one for a rotation to stay as it is: single precision is below.
+# Largest error of R^T R with which a rotation stays unchanged: single precision is below.
 EXACT_TOLERANCE = 1e-6
 
 
@@ -55,12 +55,12 @@ class ObjectPose:
 
 @dataclass(frozen=True)
 class FrameMeta:
-    """What `meta/NNNN.mat` (and a demo folder's `meta.mat`) says of a frame."""
+    """Content of `meta/NNNN.mat` (or of a demo folder's `meta.mat`)."""
 
     intrinsic_matrix: Array  # (3, 3)
     factor_depth: float  # depth units per metre
     object_ids: tuple[int, ...] = ()
-    poses: Array | None = None  # (N, 4, 4) object to camera, or not in the file
+    poses: Array | None = None  # (N, 4, 4) object to camera, None if not in the file
 
 
 def write_annotation(path: Path, poses: Sequence[ObjectPose]) -> None:
@@ -102,16 +102,16 @@ def read_annotation_xml(path: Path) -> list[ObjectPose]:
 def annotated_ids(folder: Path) -> list[int]:
     """List the objects that any `NNNN.xml` of `annotations/` names, ascending.
 
-    The files are searched, not parsed: one that is damaged is for whoever reads its poses to name.
+    The files are searched, not parsed: reading the poses reports damaged files.
     """
     texts = (path.read_bytes() for path in folder.glob("*.xml") if path.is_file())
     return sorted({int(found) for text in texts for found in OBJECT_ID.findall(text)})
 
 
 def read_poses(annotation: Path, meta: Path) -> list[ObjectPose]:
-    """Read a frame's poses from its XML, with the digits of its `.mat` where the two agree.
+    """Read a frame's poses from its XML, with the digits of its `.mat` if the files agree.
 
-    The two are matched by object ids: their orders may differ.
+    Poses are matched by object id, as the order of the files may differ.
     """
     rounded = read_annotation_xml(annotation)
     if not meta.is_file():
@@ -179,7 +179,7 @@ def read_object_ids(path: Path) -> list[int]:
     """Read `object_id_list.txt`.
 
     Raises:
-        FormatError: what is no number of at most nine digits.
+        FormatError: a line is no number of at most nine digits.
     """
     lines = existing(path).read_text(encoding="utf-8", errors="replace").split()
     if not all(line.isdecimal() and len(line) < 10 for line in lines):
@@ -195,7 +195,7 @@ def write_pose_array(path: Path, poses: Floats) -> None:
 def read_pose_array(path: Path, ndim: int) -> Array:
     """Read a file of `write_pose_array`: float64 of `ndim` dimensions, (4, 4) or (n, 4, 4).
 
-    Rotations that are a little off, as few decimals leave them, are made exact.
+    Rotations that are inexact because of few decimals are made exact.
 
     Raises:
         FormatError: another shape, or matrices that are no rigid transforms.
@@ -210,12 +210,12 @@ def read_pose_array(path: Path, ndim: int) -> Array:
 
 
 def _straightened(poses: Array) -> Array:
-    """Return `poses` (..., 4, 4) with rotations that are off by rounding made exact.
+    """Return `poses` (..., 4, 4) with rounded rotations made exact.
 
-    Those that are exact in single precision, and those that are no rotations, stay as they are.
+    Rotations exact in single precision, and matrices that are no rotations, stay unchanged.
     """
     R = poses[..., :3, :3]
-    with np.errstate(invalid="ignore"):  # of infinity; it compares with nothing then
+    with np.errstate(invalid="ignore"):  # from infinity, which gives nan: every comparison fails
         misfit = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)).max(axis=(-2, -1))
     off = (misfit > EXACT_TOLERANCE) & (misfit <= RIGID_TOLERANCE)
     if off.any():
@@ -225,7 +225,7 @@ def _straightened(poses: Array) -> Array:
 
 
 def _are_rigid(poses: NDArray[Any]) -> bool:
-    """Return whether all of `poses` (..., 4, 4) are, but for rounding; False for nan."""
+    """Return whether all `poses` (..., 4, 4) are rigid, except for rounding; False for nan."""
     R, last = poses[..., :3, :3].astype(np.float64), poses[..., 3, :]
     misfit = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)).max(initial=0.0)
     misfit = max(misfit, np.abs(last - np.array([0.0, 0.0, 0.0, 1.0])).max(initial=0.0))

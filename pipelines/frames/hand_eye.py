@@ -1,6 +1,6 @@
-"""The camera's pose in the robot's base frame, as hand-eye calibrations save it.
+"""The camera's pose in the robot's base frame, from files of hand-eye calibrations.
 
-Read are a 4 x 4 matrix in JSON or YAML, bare or under any key; the YAML of easy_handeye and
+Supported are a 4 x 4 matrix in JSON or YAML, bare or under any key; the YAML of easy_handeye and
 easy_handeye2, and others with a translation and a quaternion; and the launch file that MoveIt's
 calibration saves. The camera's axes are those of its optical frame.
 """
@@ -22,8 +22,8 @@ EXPECTED = (
     "a 4 x 4 matrix in JSON or YAML, or the YAML of easy_handeye or MoveIt's calibration, is "
     "expected: the camera's pose in the robot's base frame, metres"
 )
-FARTHEST = 20.0  # metres from a robot's base to its camera; more are millimetres
-MAX_SKEW = 5e-3  # of a rotation with three digits; beyond this it is none
+FARTHEST = 20.0  # metres from a robot's base to its camera; larger distances are millimetres
+MAX_SKEW = 5e-3  # largest error of a rotation, which is that of three digits
 MAX_LAUNCH_BYTES = 2**16
 POSITIONS, TURNS = ("translation", "position"), ("rotation", "quaternion", "orientation")
 NUMBER = r"[-+]?[\d.]+(?:[eE][-+]?\d+)?"
@@ -32,11 +32,11 @@ LAUNCH = re.compile(rf"args=\"\s*((?:{NUMBER}\s+){{7}})(\S+)\s+\S+")
 
 @dataclass(frozen=True)
 class HandEye:
-    """A camera fixed beside a robot.
+    """A camera that is fixed next to a robot.
 
     Attributes:
         T_base_cam: (4, 4), camera to the robot's base, metres.
-        base: name of the base's frame; empty where the file names none.
+        base: name of the base's frame; empty if the file names none.
     """
 
     T_base_cam: Array
@@ -47,8 +47,8 @@ def read_hand_eye(path: Path) -> HandEye:
     """Read the result of a hand-eye calibration.
 
     Raises:
-        FormatError: not such a file, of a camera on the hand, not a rigid transform, or in
-            millimetres.
+        FormatError: the file holds no pose, the pose of a camera on the hand, no rigid transform,
+            or millimetres.
     """
     if path.suffix == ".launch":
         return _of_launch(path)
@@ -69,8 +69,8 @@ def read_hand_eye(path: Path) -> HandEye:
 
 
 def _is_on_hand(facts: Mapping[str, object]) -> bool:
-    said = (str(facts.get(key, "")).lower() for key in ("eye_on_hand", "calibration_type"))
-    return any(word in ("true", "eye_in_hand", "eye_on_hand") for word in said)
+    stated = (str(facts.get(key, "")).lower() for key in ("eye_on_hand", "calibration_type"))
+    return any(word in ("true", "eye_in_hand", "eye_on_hand") for word in stated)
 
 
 def _poses(path: Path, content: object) -> Iterator[Array]:
@@ -96,7 +96,7 @@ def _poses(path: Path, content: object) -> Iterator[Array]:
 
 
 def _numbers(content: object) -> Array | None:
-    """Return what is a number, or a rectangle of numbers; None of anything else."""
+    """Return a number, or a rectangular list of numbers, as an array; None for anything else."""
     try:
         array = np.array(content)
     except ValueError:  # ragged
@@ -105,7 +105,7 @@ def _numbers(content: object) -> Array | None:
 
 
 def _vector(content: object, axes: str) -> Array | None:
-    """Return numbers in the order of `axes`, of a list or of a mapping with these keys."""
+    """Return numbers in the order of `axes`, from a list or from a mapping with these keys."""
     if isinstance(content, dict):
         content = [content.get(axis) for axis in axes]
     numbers = _numbers(content)
@@ -123,7 +123,7 @@ def _checked(path: Path, pose: Array) -> Array:
     """Return `pose` with an exact rotation.
 
     Raises:
-        FormatError: it is no rigid transform in metres.
+        FormatError: `pose` is no rigid transform in metres.
     """
     rotation, position = pose[:3, :3], pose[:3, 3]
     is_sound = np.isfinite(pose).all() and np.allclose(pose[3], [0, 0, 0, 1], atol=1e-9)

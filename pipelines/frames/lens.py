@@ -1,7 +1,7 @@
 """Lens distortion by OpenCV's models, removed from images.
 
-Coefficients are in OpenCV's order: k1, k2, p1, p2, k3, k4, k5, k6, s1 to s4, tx, ty; of a fisheye
-k1 to k4. Undistorted images keep the size and the camera matrix.
+Coefficients are in OpenCV's order: k1, k2, p1, p2, k3, k4, k5, k6, s1 to s4, tx, ty; for a fisheye
+lens k1 to k4. Undistorted images keep the size and the camera matrix.
 """
 
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ from pipelines.errors import FormatError
 from pipelines.geometry.camera import Intrinsics
 
 BROWN, FISHEYE, INVERSE = "Brown-Conrady", "fisheye", "inverse Brown-Conrady"
-# As ROS, Kalibr, COLMAP, nerfstudio and librealsense call them.
+# Names of models in ROS, Kalibr, COLMAP, nerfstudio and librealsense.
 MODELS = {
     **dict.fromkeys(("plumb_bob", "radtan", "brown_conrady", "modified_brown_conrady"), BROWN),
     **dict.fromkeys(("rational_polynomial", "thin_prism", "thin_prism_fisheye"), BROWN),
@@ -33,7 +33,7 @@ LIST_KEYS = ("D", "d", "distortion_coefficients", "distortion_coeffs", "dist_coe
 NAMED = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 NAMED_FISHEYE = ("k1", "k2", "k3", "k4")
 SIZES = {BROWN: (4, 5, 8, 12, 14), INVERSE: (4, 5, 8, 12, 14), FISHEYE: (4,)}  # OpenCV's
-UNNOTICED = 0.5  # pixels: nearer than that the nearest pixel is the same one
+UNNOTICED = 0.5  # pixels: a smaller shift leads to the same nearest pixel
 BEYOND = -1e6  # pixels: outside of every image
 RADII = 1000  # samples between the axis and the farthest corner
 
@@ -43,14 +43,14 @@ Places = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Distortion:
-    """How a lens bends what a pinhole camera sees; without coefficients not at all."""
+    """Distortion of the image of a pinhole camera by a lens; none without coefficients."""
 
     model: str = BROWN
     coefficients: tuple[float, ...] = ()
 
     @property
     def is_known(self) -> bool:
-        """Whether the model is one that can be undone."""
+        """Whether distortion of this model can be removed."""
         return self.model in SIZES
 
 
@@ -58,7 +58,7 @@ NO_DISTORTION = Distortion()
 
 
 def distortion_in(path: Path, content: Mapping[str, Any]) -> Distortion:
-    """Return the distortion that the keys of a camera file say; none without such keys.
+    """Return the distortion that the keys of a camera file state; none without such keys.
 
     Raises:
         FormatError: too many coefficients, or some that are not finite.
@@ -97,10 +97,10 @@ def _coefficients(content: Mapping[str, Any], model: str) -> Array:
 
 
 def undistorted(image: Image, camera: Intrinsics, lens: Distortion, *, smooth: bool) -> Image:
-    """Return `image` (H, W) or (H, W, 3) as a lens without distortion shows it, 0 outside.
+    """Return `image` (H, W) or (H, W, 3) as seen by a lens without distortion, 0 outside.
 
-    `smooth`: between pixels, for colour; else each pixel is that of the nearest, for depth and
-    numbers of instances, of which means are none.
+    `smooth`: interpolate between pixels, for colour; else take the nearest pixel, for depth and
+    instance ids, which have no meaningful mean.
     """
     u, v = _places(camera, lens)
     if smooth:
@@ -114,7 +114,7 @@ def undistorted(image: Image, camera: Intrinsics, lens: Distortion, *, smooth: b
 
 
 def displacement(camera: Intrinsics, lens: Distortion) -> float:
-    """Return by how many pixels the distortion moves any pixel at most; 0 if it can be left in."""
+    """Return the largest shift of a pixel by the distortion, in pixels; 0 if it is negligible."""
     if not lens.coefficients or not lens.is_known:
         return 0.0
     u, v = _places(camera, lens)
@@ -123,11 +123,11 @@ def displacement(camera: Intrinsics, lens: Distortion) -> float:
     return most if most >= UNNOTICED else 0.0
 
 
-@lru_cache(maxsize=2)  # frames of one camera have one
+@lru_cache(maxsize=2)  # frames of one camera share the result
 def _places(camera: Intrinsics, lens: Distortion) -> tuple[Places, Places]:
-    """Return where each undistorted pixel lies in the image as taken, columns and rows (H, W).
+    """Return the place of each undistorted pixel in the distorted image, columns and rows (H, W).
 
-    BEYOND where the lens shows nothing.
+    BEYOND outside of the view of the lens.
     """
     rays = camera.rays()[..., :2].reshape(-1, 1, 2)
     bent = _bend(rays, lens)
@@ -142,7 +142,7 @@ def _places(camera: Intrinsics, lens: Distortion) -> tuple[Places, Places]:
 
 
 def _bend(rays: Array, lens: Distortion) -> Array:
-    """Return where the lens shows rays (n, 1, 2), both at depth 1."""
+    """Return the distorted points of rays (n, 1, 2), both at depth 1."""
     size = next(size for size in SIZES[lens.model] if size >= len(lens.coefficients))
     D = np.zeros(size)
     D[: len(lens.coefficients)] = lens.coefficients
@@ -160,9 +160,9 @@ def _bend(rays: Array, lens: Distortion) -> Array:
 
 
 def _reach(farthest: float, lens: Distortion) -> float:
-    """Return up to which radius the lens shows farther rays farther out.
+    """Return the radius up to which farther rays are farther out in the distorted image.
 
-    Beyond, a polynomial turns back, and the same pixels would be seen twice.
+    Beyond it a polynomial decreases again, and the same pixels would be used twice.
     """
     if lens.model == INVERSE:
         return np.inf

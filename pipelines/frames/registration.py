@@ -1,7 +1,7 @@
-"""Do colour and depth of a frame lie on each other? Asked of their edges, with no model of either.
+"""Check that colour and depth of a frame are registered, by their edges, without any model.
 
 Where depth jumps, an object ends, and colour usually changes too. The mean change of colour at
-the jumps is compared with the same at the jumps moved by up to a sixteenth of the image.
+the jumps is compared with its mean at the jumps shifted by up to a sixteenth of the image.
 """
 
 import cv2
@@ -14,22 +14,22 @@ from pipelines.tabletop.sparse_depth import DENSE, measured_share
 
 Image = NDArray[np.float32]
 
-WIDTH = 320  # to which images are reduced; finer offsets do no harm
-FARTHEST = 20  # pixels of the reduced image
-NEAR = 2  # pixels of the reduced image within which edges count as lying on each other
-SURROUNDINGS = 31  # pixels, of which the mean change of colour is taken off: texture is everywhere
+WIDTH = 320  # columns of a reduced image; finer offsets do no harm
+FARTHEST = 20  # largest offset, pixels of the reduced image
+NEAR = 2  # pixels of the reduced image within which edges count as registered
+SURROUNDINGS = 31  # pixels of a window; its mean change of colour, from texture, is subtracted
 JUMP = 0.03  # 1/m between neighbouring pixels: 3 cm at 1 m
 FEWEST_JUMPS = 50
 LEAST_HEIGHT = 3  # pixels of the reduced image: a slope across rows needs as many
 FEW_MEASURED = 1 / 3
-CLEAR = 4.0  # standard deviations of the other offsets that the best stands out by
-SHARE = 2 / 3  # of the best match, below which no offset matches clearly worse
+CLEAR = 4.0  # standard deviations of the other offsets by which the best match exceeds their mean
+SHARE = 2 / 3  # of the best match: frames with a larger match near offset 0 count as registered
 
 
 def color_offset(frame: Frame) -> tuple[int, int] | None:
-    """Return by how many pixels (x, y) colour lies off the depth; None if it seems to lie right.
+    """Return the offset (x, y) of colour from depth in pixels; None if they seem registered.
 
-    None too where edges are too few or too many to tell: no answer is not a proof.
+    None also if edges are too few or too many to decide: None is no proof.
     """
     step = max(1, round(frame.depth.shape[1] / WIDTH))
     if frame.depth.shape[0] < step * LEAST_HEIGHT:
@@ -54,7 +54,7 @@ def _color_changes(frame: Frame, step: int) -> Image:
     grey = cv2.cvtColor(frame.color, cv2.COLOR_RGB2GRAY)
     grey = cv2.resize(grey, (width, height), interpolation=cv2.INTER_AREA)
     dx, dy = (cv2.Sobel(grey, cv2.CV_32F, *axes) for axes in ((1, 0), (0, 1)))
-    # The slopes of 8 bits are whole numbers, so the squares are exact: it is the hypotenuse.
+    # Slopes of 8-bit values are whole numbers: the squares are exact, and the root equals hypot.
     changes = np.log1p(np.sqrt(dx * dx + dy * dy))
     return np.asarray(changes - cv2.blur(changes, (SURROUNDINGS, SURROUNDINGS)), np.float32)
 
@@ -79,7 +79,7 @@ def _match_at_offsets(changes: Image, jumps: Image) -> Image:
 
 
 def oddities(frame: Frame) -> tuple[str, ...]:
-    """Return what a user should know about a frame that can be read, a sentence each."""
+    """Return remarks for the user on a frame that can be read, a sentence each."""
     found = list(frame.notes)
     measured = float(np.count_nonzero(frame.depth != 0)) / frame.depth.size
     if measured < FEW_MEASURED:
@@ -87,10 +87,10 @@ def oddities(frame: Frame) -> tuple[str, ...]:
     share = measured_share(frame.depth)
     if share < DENSE:
         holes = f"{100 * (1.0 - share):.0f} % of its surface"
-        found.append(f"depth has holes beside most pixels ({holes}), which infer fills")
+        found.append(f"depth has holes next to most pixels ({holes}), which infer fills")
     if (offset := color_offset(frame)) is not None:
         found.append(
-            f"colour seems to lie {offset[0]}, {offset[1]} pixels off the depth: "
+            f"colour seems shifted by {offset[0]}, {offset[1]} pixels from the depth: "
             "register them (RealSense: align depth to color)"
         )
     return (*found, *depth_oddities(frame.depth, frame.intrinsics.fx))

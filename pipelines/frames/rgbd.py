@@ -1,6 +1,6 @@
-"""One RGB-D frame, read from a colour and a depth file, with every common fault caught.
+"""One RGB-D frame, read from a colour and a depth file, with every common fault detected.
 
-Depth leaves here as float32 metres with 0 = missing: 0, NaN, infinities, negative values and
+The depth of a frame is float32 metres with 0 = missing: 0, NaN, infinities, negative values and
 65535 in the file all mean missing.
 """
 
@@ -44,12 +44,12 @@ class Frame:
     color: NDArray[np.uint8]  # (H, W, 3) RGB
     depth: Singles  # (H, W) metres along the optical axis, 0 = missing
     intrinsics: Intrinsics
-    units_per_metre: float | None = None  # what the file's numbers were divided by, if known
-    notes: tuple[str, ...] = ()  # what was odd, a sentence each
-    removed: Distortion | None = None  # of the lens, which the files' images have
+    units_per_metre: float | None = None  # divisor of the file's numbers, if known
+    notes: tuple[str, ...] = ()  # oddities, a sentence each
+    removed: Distortion | None = None  # lens distortion that only the files' images have
 
     def laid_on(self, image: Image) -> Image:
-        """Return numbers (H, W) of the pixels of the files' images for those of this frame."""
+        """Return ids (H, W) at pixels of the files' images, moved to the pixels of this frame."""
         if self.removed is None:
             return image
         return undistorted(image, self.intrinsics, self.removed, smooth=False)
@@ -77,13 +77,13 @@ def read_color(path: Path) -> NDArray[np.uint8]:
 
 @dataclass(frozen=True)
 class DepthUnits:
-    """What a depth file's numbers are divided by to give metres: whole numbers, and floats."""
+    """Units per metre of a depth file's numbers: of whole numbers, and of floats."""
 
     integers: float = 1000.0
-    floats: float = 1.0  # depth stored as floats is metres, as a rule
-    option: str = "--depth-units-per-metre"  # by which a user says otherwise
-    is_stated: bool = False  # by the user: a close view is no reason to doubt them
-    is_certain: bool = False  # of a data set that says them: nothing is doubted
+    floats: float = 1.0  # depth stored as floats is usually metres
+    option: str = "--depth-units-per-metre"  # by which a user states other units
+    is_stated: bool = False  # stated by the user: a close view is no reason for doubt
+    is_certain: bool = False  # stated by a data set: no depth is a reason for doubt
 
 
 def read_depth(path: Path, units: DepthUnits) -> Singles:
@@ -115,16 +115,16 @@ def make_frame(
     units: DepthUnits,
     notes: tuple[str, ...] = (),
 ) -> Frame:
-    """Make a frame of what files hold, without the distortion of its camera's lens (D. 125).
+    """Make a frame from the content of files, without the camera's lens distortion (D. 125).
 
-    It has no name yet. The depth is checked first: its faults matter most.
+    The frame has no name yet. The depth is checked first: its faults matter most.
 
     Args:
-        color: the file, and what reads (H, W, 3) RGB from it; resampled to the depth's size.
+        color: the file, and a function that reads (H, W, 3) RGB; resampled to the depth's size.
         depth: the file, and the numbers in it.
-        camera: of the depth; None if nothing says it, which is an error.
+        camera: camera of the depth; None if it is unknown, which is an error.
         units: see `read_depth`.
-        notes: what is odd about the frame.
+        notes: oddities of the frame.
     """
     measured, unit = _metres(*depth, units)
     height, width = measured.shape
@@ -169,12 +169,12 @@ def fit_color(path: Path, color: NDArray[np.uint8], width: int, height: int) -> 
     if not (same_ratio and (down or up)):
         raise FormatError(path, found, "register them to one size, or to an integer ratio")
     log.info("%s: %s; colour is resampled to the depth", path, found)
-    how = cv2.INTER_AREA if down else cv2.INTER_NEAREST
-    return np.asarray(cv2.resize(color, (width, height), interpolation=how), dtype=np.uint8)
+    method = cv2.INTER_AREA if down else cv2.INTER_NEAREST
+    return np.asarray(cv2.resize(color, (width, height), interpolation=method), dtype=np.uint8)
 
 
 def _metres(path: Path, stored: NDArray[Any], units: DepthUnits) -> tuple[Singles, float]:
-    """Return depth (H, W) in metres, 0 = missing, and its unit, of the numbers `path` holds."""
+    """Return depth (H, W) in metres, 0 = missing, and its unit, from the numbers in `path`."""
     if stored.ndim == 3 and stored.shape[2] == 1:
         stored = stored[:, :, 0]
     if stored.ndim == 3 and stored.shape[2] in (3, 4):
@@ -207,7 +207,7 @@ def _metres(path: Path, stored: NDArray[Any], units: DepthUnits) -> tuple[Single
 
 
 def stored_depth(path: Path) -> NDArray[Any]:
-    """Return the numbers of a depth file as they are; see `read_depth` for the kinds."""
+    """Return the numbers of a depth file as stored; see `read_depth` for the kinds."""
     match path.suffix.lower():
         case ".npy":
             return read_npy(path)
@@ -223,12 +223,12 @@ def stored_depth(path: Path) -> NDArray[Any]:
 
 
 def _nothing_measured(stored: NDArray[Any]) -> tuple[str, str]:
-    """Return what is wrong with depth of which no pixel is measured, and what would be right."""
+    """Return the fault of depth without a measured pixel, and what would be right."""
     saturated = float(np.mean(stored == MISSING_DEPTH)) if stored.dtype.kind in "iu" else 0.0
     if not saturated:
         return "every pixel is missing (0, NaN or infinite)", "measure again"
     return (
-        f"{saturated:.0%} of the pixels are 65535 and none lies between that and 0: the depth was "
+        f"{saturated:.0%} of the pixels are 65535 and none is between 0 and 65535: the depth was "
         "saturated when it was saved, as metres or scaled numbers are",
         "save millimetres as whole numbers of 16 bits, or metres as floats",
     )
@@ -237,7 +237,7 @@ def _nothing_measured(stored: NDArray[Any]) -> tuple[str, str]:
 def _check_plausible(path: Path, values: NDArray[Any], depth: Singles, units: DepthUnits) -> None:
     """Raise FormatError where `depth` (H, W) looks like another unit, or like inverse depth.
 
-    Closer than most cameras measure is no fault where no common unit makes a likelier scene.
+    Depth that is closer than most cameras measure is no fault if no common unit is likelier.
     """
     near, far = LIKELY_DEPTH
     nearest, typical = _nearest_median(depth), _nearest_median(values)
@@ -257,7 +257,7 @@ def _check_plausible(path: Path, values: NDArray[Any], depth: Singles, units: De
 
 
 def _close_views(depth: Singles) -> tuple[str, ...]:
-    """Return a remark on `depth` (H, W) that is closer than most cameras measure."""
+    """Return a remark if `depth` (H, W) is closer than most cameras measure."""
     nearest = _nearest_median(depth)
     if nearest >= LIKELY_DEPTH[0]:
         return ()

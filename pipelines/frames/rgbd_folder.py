@@ -12,12 +12,12 @@ COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".exr")
 COLOR_WORDS = ("color", "colour", "rgb")
 COLOR_FOLDERS = ("rgb", "color", "image", "images", "gray")
-ImageFiles = dict[str, list[Path]]  # by what is left of the name; the file to take is the first
+ImageFiles = dict[str, list[Path]]  # by the rest of the name; the first file is taken
 
 
 @dataclass(frozen=True)
 class FrameOptions:
-    """What the user states about the frames; None = as the files beside the images say."""
+    """The user's statements about the frames; None = as stated in the files next to the images."""
 
     camera: CameraFile | None = None
     depth_units_per_metre: float | None = None
@@ -29,15 +29,15 @@ class FrameOptions:
     def depth_units(
         self, written: float | None = None, usual: float = DepthUnits().integers
     ) -> DepthUnits:
-        """Return the unit of the depth, in every layout by the same order.
+        """Return the unit of the depth, in every layout by the same order of sources.
 
         Args:
-            written: units per metre that the files beside the images say, None if they do not.
-            usual: units per metre of whole numbers in the layout, if nothing says any.
+            written: units per metre in the files next to the images, None if they state none.
+            usual: units per metre of whole numbers in the layout, if no source states any.
 
         Returns:
-            What the user stated, which holds of floats too; else what the stated camera's file
-            says, else `written`, else `usual`, which hold of whole numbers: floats are metres.
+            The unit that the user stated, for floats too; else that in the stated camera's file,
+            else `written`, else `usual`, which are for whole numbers: floats are metres.
         """
         if (stated := self.depth_units_per_metre) is not None:
             return DepthUnits(stated, stated, is_stated=True)
@@ -51,10 +51,10 @@ NOTHING_STATED = FrameOptions()
 class ImagePair:
     """The colour and depth files of one frame; one of them may be missing."""
 
-    stem: str  # what is left of the file name, "" if it was only `color` or `rgb`
+    stem: str  # rest of the file name, "" if the name was only `color` or `rgb`
     color: Path | None
     depth: Path | None
-    rivals: tuple[Path, ...] = ()  # several that could be its colour, or depth
+    rivals: tuple[Path, ...] = ()  # several files that could be its colour, or its depth
 
 
 def read_with_camera(
@@ -64,7 +64,7 @@ def read_with_camera(
     options: FrameOptions,
     usual_units: float = DepthUnits().integers,
 ) -> Frame:
-    """Read one frame: stated options first, then what `camera_file` says, then `usual_units`.
+    """Read one frame by the stated options first, then `camera_file`, then `usual_units`.
 
     Raises:
         FormatError: no intrinsics, or a fault of the images (see `read_depth`).
@@ -82,7 +82,7 @@ def flat_pairs(folder: Path) -> list[ImagePair]:
     files = sorted(path for path in folder.iterdir() if path.is_file())
     colors = _by_stem(files, COLOR_SUFFIXES, COLOR_WORDS)
     depths = _by_stem(files, DEPTH_SUFFIXES, ("depth",))
-    # x-rgb-img.jpg and x-depth-img.exr; one of these without the other may be anything.
+    # x-rgb-img.jpg and x-depth-img.exr; each without the other may be anything.
     between = (
         _by_stem(files, COLOR_SUFFIXES, COLOR_WORDS, within=True),
         _by_stem(files, DEPTH_SUFFIXES, ("depth",), within=True),
@@ -113,9 +113,9 @@ def _paired(colors: ImageFiles, depths: ImageFiles) -> list[ImagePair]:
 
 
 def _rivals(candidates: Sequence[Path]) -> list[Path]:
-    """Return the candidates of the first one's suffix, if more than one: none of them wins.
+    """Return the candidates with the suffix of the first, if several: none of them is preferred.
 
-    Of x_depth.png and x_depth.npy the first suffix does; x_color.png and x-color.png may be two
+    Of x_depth.png and x_depth.npy the first is preferred; x_color.png and x-color.png may be two
     frames.
     """
     suffixes = [path.suffix.lower() for path in candidates]
@@ -130,10 +130,10 @@ def _by_stem(
     *,
     within: bool = False,
 ) -> ImageFiles:
-    """Map what is left of a file's name without its word to such files, best suffix first.
+    """Map the rest of a file's name, without its word, to the files, best suffix first.
 
-    With `words` None the whole name counts, whatever the word. `within`: the word stands between
-    others instead of at an end.
+    With `words` None the whole name counts. `within`: the word is between other words instead of
+    at an end.
     """
     without = _without_inner_word if within else _without_word
     found: ImageFiles = {}
@@ -147,7 +147,7 @@ def _by_stem(
 
 
 def _without_word(stem: str, words: tuple[str, ...]) -> str | None:
-    """Return `stem` without the word it ends or begins with, None if that is none of `words`.
+    """Return `stem` without the word that ends or begins it, None if that is none of `words`.
 
     The last word decides: rgb_1_depth is the depth of rgb_1, and no colour image.
     """
@@ -161,7 +161,7 @@ def _without_word(stem: str, words: tuple[str, ...]) -> str | None:
 
 
 def _without_inner_word(stem: str, words: tuple[str, ...]) -> str | None:
-    """Return `stem` without the word between others, None if an end has one, or none has."""
+    """Return `stem` without the word between others; None if the word is at an end or missing."""
     every = (*COLOR_WORDS, "depth")
     if any(_without_word(stem, (word,)) is not None for word in every):
         return None
@@ -172,7 +172,7 @@ def _without_inner_word(stem: str, words: tuple[str, ...]) -> str | None:
 def sister_pairs(folder: Path, suffix: str = "") -> list[ImagePair]:
     """Pair `rgb/x` with `depth/x`; several names of the colour folder are in use.
 
-    `suffix`: behind the names of both folders.
+    `suffix`: suffix of the names of both folders.
     """
     depth_folder = folder / f"depth{suffix}"
     named = (folder / f"{name}{suffix}" for name in COLOR_FOLDERS)

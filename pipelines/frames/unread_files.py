@@ -1,4 +1,4 @@
-"""Files of a folder without RGB-D frames, and what is missing there, in a sentence."""
+"""A sentence on a folder without RGB-D frames: its files, and the missing files."""
 
 import os
 from collections import Counter
@@ -24,13 +24,13 @@ HINTS = {
     **dict.fromkeys((".mp4", ".avi", ".mov"), "a video has no depth; give images"),
 }
 WANTED = (
-    "put x_color.png beside x_depth.png and x_camera.json, or rgb/ beside depth/; "
+    "put x_color.png next to x_depth.png and x_camera.json, or rgb/ next to depth/; "
     "the documentation's page File formats lists all layouts"
 )
 
 
 def why_no_frames(folder: Path) -> str:
-    """Return the sentence about a folder in which no layout finds a frame."""
+    """Return the sentence on a folder in which no layout finds a frame."""
     walk = (Path(top, name) for top, _below, names in os.walk(folder) for name in names)
     files = list(islice((path for path in walk if not path.name.startswith(".")), MOST_FILES))
     kinds = Counter(path.suffix.lower() or "files without a suffix" for path in files)
@@ -40,7 +40,7 @@ def why_no_frames(folder: Path) -> str:
     hints = list(
         dict.fromkeys(HINTS[kind] for kind, _count in kinds.most_common() if kind in HINTS)
     )
-    parts = [f"there lie {common}", _missing(folder, files), *hints, WANTED]
+    parts = [f"its files are {common}", _missing(folder, files), *hints, WANTED]
     return f"{folder} holds no RGB-D frames; {'; '.join(filter(None, parts))}"
 
 
@@ -50,7 +50,7 @@ def _missing(folder: Path, files: list[Path]) -> str:
     if not images and not depths:
         return "no images are among them"
     if not depths:
-        return "no name among them says depth"
+        return "no name has the word depth"
     if all(path in depths for path in images):
         return f"no colour image goes with {depths[0].name}"
     other = next(path for path in images if path not in depths)

@@ -1,4 +1,4 @@
-"""The workspace that a user gives: a mask picture, or six numbers of a box."""
+"""The workspace given by a user: a mask picture, or six numbers of a box."""
 
 import re
 from pathlib import Path
@@ -13,7 +13,7 @@ FORMS = "x0,y0,z0,x1,y1,z1 in metres, or a mask picture's path"
 
 
 def parse_workspace(text: str | None) -> tuple[tuple[float, ...], Path | None]:
-    """Return the box or the mask that `--workspace` means; () and None are everywhere.
+    """Return the box or the mask file of `--workspace`; () and None mean no limit.
 
     Raises:
         ValueRangeError: neither six numbers nor a file.
@@ -33,10 +33,10 @@ def parse_workspace(text: str | None) -> tuple[tuple[float, ...], Path | None]:
 
 
 def read_workspace_mask(path: Path, shape: tuple[int, ...]) -> Mask:
-    """Return (H, W) which pixels of a mask picture are not black; `shape` is the depth's.
+    """Return the mask (H, W) of pixels of a picture that are not black; `shape` is the depth's.
 
     Raises:
-        SymgraspError: no such picture, or not of that size.
+        SymgraspError: no such picture, or a picture of another size.
     """
     picture = read_image(path)
     inside = (picture if picture.ndim == 2 else picture[..., :3].max(axis=-1)) > 0

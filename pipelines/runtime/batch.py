@@ -1,4 +1,4 @@
-"""Map a step over files: skip what is finished, collect what fails, report both."""
+"""Run a step on many items: skip finished items, collect failures, report both."""
 
 import dataclasses
 import logging
@@ -20,23 +20,23 @@ from pipelines.storage.provenance import Stamp, is_finished
 
 log = logging.getLogger(__name__)
 
-CHOSEN = 0  # for `workers`
+CHOSEN = 0  # value of `workers`
 
 
 @dataclasses.dataclass(frozen=True)
 class BatchOptions:
-    """How a batch is run; none of these changes what is written.
+    """Options of a batch; none of them changes the written files.
 
     `workers`: processes at a time; 1 runs in this process, unless `backend` is a cluster; `CHOSEN`
-    leaves it to the stage, and is 1 to those that do not choose.
+    leaves the number to the stage, and is 1 for a stage that does not choose.
     """
 
     workers: int = 1
-    backend: str = "loky"  # or `dask` or `ray` where these are installed
-    overwrite: bool = False  # make outputs again that exist
-    dry_run: bool = False  # say what would be done, do nothing
-    progress: bool = True  # show on stderr how much is done: a bar, or lines if no terminal
-    most_chosen: int = 2  # processes that a stage takes at most where it chooses
+    backend: str = "loky"  # or `dask` or `ray` if installed
+    overwrite: bool = False  # make existing outputs again
+    dry_run: bool = False  # report the work, do nothing
+    progress: bool = True  # show progress on stderr: a bar, or lines if it is no terminal
+    most_chosen: int = 2  # most processes that a stage chooses
 
     @property
     def is_here(self) -> bool:
@@ -44,13 +44,13 @@ class BatchOptions:
         return self.workers <= 1 and self.backend not in CLUSTERS
 
     def for_items(self, count: int) -> "BatchOptions":
-        """Return these with no more workers than `count` items; each worker loads all it needs."""
+        """Return the options with at most one worker per item, as each worker loads its data."""
         return dataclasses.replace(self, workers=min(self.workers, max(1, count)))
 
 
 @dataclasses.dataclass(frozen=True)
 class WorkItem:
-    """One output to make: its name in reports, where it goes, how it is to be made."""
+    """One output to make: name in reports, path, stamp, and arguments of the step."""
 
     name: str
     target: Path
@@ -60,7 +60,7 @@ class WorkItem:
 
 @dataclasses.dataclass
 class StageReport:
-    """What a stage did: names of items done, skipped as finished, failed with their sentence."""
+    """Result of a stage: names of items done, skipped as finished, or failed with a sentence."""
 
     stage: str
     done: list[str] = dataclasses.field(default_factory=list)
@@ -76,7 +76,7 @@ class StageReport:
 
     @contextmanager
     def attempting(self, name: str) -> Iterator[None]:
-        """Count `name` as done, or as failed with the sentence of what the block raises."""
+        """Count `name` as done, or as failed with the sentence of the error in the block."""
         try:
             yield
         except (SymgraspError, OSError) as error:
@@ -84,13 +84,13 @@ class StageReport:
         else:
             self.done.append(name)
 
-    def why_none(self, what: str) -> str:
-        """Return the sentence of a stage all of whose frames failed, with the first reason."""
+    def why_none(self, predicate: str) -> str:
+        """Return the sentence of a stage where all frames failed, with the first reason."""
         name, sentence = next(iter(self.failed.items()))
-        return f"none of {len(self.failed)} frames {what}; {name}: {sentence}"
+        return f"none of {len(self.failed)} frames {predicate}; {name}: {sentence}"
 
     def add(self, part: "StageReport", prefix: str = "") -> None:
-        """Add what a part of the stage did, its names behind `prefix`."""
+        """Add the report of a part of the stage, with `prefix` before its names."""
         self.done += [f"{prefix}{name}" for name in part.done]
         self.skipped += [f"{prefix}{name}" for name in part.skipped]
         self.failed |= {f"{prefix}{name}": why for name, why in part.failed.items()}
@@ -105,12 +105,12 @@ def run_batch(
     options: BatchOptions,
     threads: Executor | None = None,
 ) -> StageReport:
-    """Run `step` on every item that is not finished yet, in `threads` where the caller keeps some.
+    """Run `step` on every unfinished item, in `threads` if given.
 
-    Whatever `step` raises fails its item alone: what is not a `SymgraspError` or `OSError` is
-    called unforeseen, and `--verbose` shows where it arose. A `WriteError` ends the batch, as there
-    is no room or no right to write, and so does an `ImportError`, a fault of the installation.
-    `step` may return a note for the report; with several workers it must be picklable.
+    An error in `step` fails its item alone: errors other than `SymgraspError` and `OSError` are
+    called unforeseen, and `--verbose` shows their origin. A `WriteError` (no space or no permission
+    to write) and an `ImportError` (a faulty installation) end the batch. `step` may return a note
+    for the report; with several workers it must be picklable.
 
     Raises:
         UnknownNameError: no such backend.
@@ -136,9 +136,9 @@ def run_batch(
 
 
 def drop_stale(items: Sequence[WorkItem], options: BatchOptions) -> None:
-    """Remove targets that were made otherwise, for outputs that are parts of another.
+    """Remove stale targets, for outputs that are parts of another output.
 
-    Without the whole that they belong to they are but an interrupted run's.
+    Parts without that other output are left over from an interrupted run.
     """
     for item in items:
         try:
@@ -188,7 +188,7 @@ def _outcomes(
 def _attempt(
     step: Callable[[WorkItem], str | None], item: WorkItem
 ) -> tuple[str | None, str | None]:
-    """Return (note, None), or (None, the sentence of what failed)."""
+    """Return (note, None), or (None, the sentence of the failure)."""
     try:
         return step(item), None
     except (WriteError, ImportError):

@@ -1,8 +1,8 @@
 """Workers of a batch: processes of this machine, or a dask or ray cluster.
 
-A cluster that is there already is used: the one of `DASK_SCHEDULER_ADDRESS` or `RAY_ADDRESS`, or
-of a client that the calling program holds. Otherwise workers are started on this machine and ended
-with the batch. Workers read and write the same paths, so a cluster needs a shared file system.
+A running cluster is used: that of `DASK_SCHEDULER_ADDRESS` or `RAY_ADDRESS`, or of a client in the
+calling program. Otherwise workers are started on this machine and ended with the batch. Workers
+read and write the same paths, so a cluster needs a shared file system.
 """
 
 import logging
@@ -33,9 +33,9 @@ from pipelines.storage.temporary import is_running
 RunTasks = Callable[[Iterable[Any]], Iterator[Any]]  # tasks of joblib's `delayed` to their results
 BACKENDS = ("loky", "threading", "dask", "ray")
 CLUSTERS = ("dask", "ray")
-# Ray hides the GPUs from tasks that reserve none, as joblib's do; --device chooses the one to use.
+# Ray hides the GPUs from tasks that reserve none, as joblib's tasks do; --device chooses the GPU.
 SEE_ALL_GPUS = {"RAY_EXPERIMENTAL_NOSET_CUDA_VISIBLE_DEVICES": "1"}
-LONGEST_ITEM = 60.0  # seconds to wait for an item that nobody waits for any more
+LONGEST_ITEM = 60.0  # seconds to wait for an item of an interrupted batch
 TUNABLES, HUGE_PAGES = "GLIBC_TUNABLES", "glibc.malloc.hugetlb=1"
 
 
@@ -47,9 +47,9 @@ def check_backend(backend: str) -> None:
 
 @contextmanager
 def workers_of(backend: str, workers: int) -> Iterator[RunTasks]:
-    """Yield what runs tasks on `workers` processes (threads if `threading`), results in order.
+    """Yield a function that runs tasks on `workers` processes (threads if `threading`), in order.
 
-    Processes end with this one, whatever ends it; Ctrl-C is left to it.
+    Processes end with this process, whatever ends it; Ctrl-C is left to this process.
 
     Raises:
         UnknownNameError: no such backend.
@@ -63,7 +63,7 @@ def workers_of(backend: str, workers: int) -> Iterator[RunTasks]:
             yield _run_with(return_as="generator")
     elif backend == "ray":
         with _ray(workers), parallel_config(backend="ray", n_jobs=workers):
-            yield _run_with()  # its pool gives nothing before all is done
+            yield _run_with()  # its pool returns no result before all are done
     else:
         try:
             remove_joblib_folders(lambda process: not is_running(process))
@@ -75,7 +75,7 @@ def workers_of(backend: str, workers: int) -> Iterator[RunTasks]:
                 yield _run_with(return_as="generator")
         except TerminatedWorkerError as error:
             raise SymgraspError(
-                "a worker process was ended from outside, most likely for want of memory; "
+                "a worker process was ended from outside, most likely for lack of memory; "
                 "give fewer --workers, the same command goes on from here"
             ) from error
         finally:
@@ -84,12 +84,12 @@ def workers_of(backend: str, workers: int) -> Iterator[RunTasks]:
 
 def _begin_worker(parent: int) -> None:
     begin_worker(parent)
-    # loky takes networks that were loaded for a leak: it would end the worker and warn of it.
+    # loky mistakes loaded networks for a memory leak, and would end the worker with a warning.
     process_executor._MAX_MEMORY_LEAK_SIZE = math.inf
 
 
 def _run_with(**options: str) -> RunTasks:
-    """Return joblib's `Parallel`, which starts the workers when it is given the first tasks."""
+    """Return a function that calls joblib's `Parallel`, which starts workers at the first tasks."""
     parallel = Parallel(**options)
 
     def run(tasks: Iterable[Any]) -> Iterator[Any]:
@@ -103,7 +103,7 @@ def _run_with(**options: str) -> RunTasks:
 def _await_threads(started: set[threading.Thread]) -> None:
     """Wait until the threads of an interrupted batch have ended their items.
 
-    joblib leaves them working; a process that ends meanwhile is aborted by the C++ below them.
+    joblib leaves the threads working; a process that ends meanwhile is aborted by their C++ code.
     """
     for thread in started:
         if isinstance(thread, DummyProcess):
@@ -112,10 +112,10 @@ def _await_threads(started: set[threading.Thread]) -> None:
 
 @contextmanager
 def _huge_pages() -> Iterator[None]:
-    """Let processes that start meanwhile keep large arrays in huge pages, where Linux has them.
+    """Let processes that start in the context keep large arrays in huge pages, on Linux.
 
-    Pages of 4 kB, given back and taken anew, cost `infer` a twelfth of its time. The C library
-    takes this from the environment alone; what the user has there stays.
+    Pages of 4 kB, freed and allocated again, cost `infer` a twelfth of its time. The C library
+    reads this from the environment alone; a value that the user has set stays.
     """
     if TUNABLES in os.environ:
         yield
@@ -128,19 +128,19 @@ def _huge_pages() -> Iterator[None]:
 
 
 def end_workers() -> None:
-    """End the processes of loky that wait for more work; on its own torch leaves in seconds."""
-    if reusable_executor._executor is not None:  # `get_reusable_executor` would make one
+    """End the idle processes of loky, in which torch would otherwise take seconds to end."""
+    if reusable_executor._executor is not None:  # `get_reusable_executor` would make an executor
         get_reusable_executor(reuse=True).shutdown(kill_workers=True)
 
 
 @contextmanager
 def _dask(workers: int) -> Iterator[None]:
-    """Be the client of a scheduler, or of workers started here, until the context ends."""
+    """Connect to a dask scheduler, or to workers started here, until the context ends."""
     distributed = _extra("distributed", "dask")
-    logging.getLogger("distributed").setLevel(logging.ERROR)  # a line for each connection
+    logging.getLogger("distributed").setLevel(logging.ERROR)  # else a line for each connection
     try:
         distributed.get_client()
-    except ValueError:  # this program is no client yet
+    except ValueError:  # this program has no client yet
         pass
     else:
         yield
@@ -160,7 +160,7 @@ def _dask(workers: int) -> Iterator[None]:
         n_workers=workers,
         threads_per_worker=1,
         processes=True,
-        memory_limit=None,  # a share of the memory is no reason to end a worker
+        memory_limit=None,  # else a worker ends that takes more than its share of the memory
         dashboard_address=None,
         silence_logs=logging.ERROR,
     )
@@ -170,7 +170,7 @@ def _dask(workers: int) -> Iterator[None]:
 
 @contextmanager
 def _ray(workers: int) -> Iterator[None]:
-    """Be part of a ray cluster, or of one started here, until the context ends."""
+    """Connect to a ray cluster, or to a cluster started here, until the context ends."""
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # no statistics are sent
     ray = _extra("ray", "ray")
     import_module("ray.util.joblib").register_ray()
@@ -185,7 +185,7 @@ def _ray(workers: int) -> Iterator[None]:
         }
         if "RAY_ADDRESS" not in os.environ:
             settings |= {"num_cpus": workers, "include_dashboard": False}
-        with signal_handlers_kept():  # ray's abort the process
+        with signal_handlers_kept():  # ray's handlers abort the process
             ray.init(**settings)
     except (ConnectionError, OSError) as error:
         raise SymgraspError(
@@ -199,7 +199,7 @@ def _ray(workers: int) -> Iterator[None]:
 
 
 def _ray_processes() -> list[int]:
-    """Return the processes of the cluster that this process has started; none of another's."""
+    """Return the processes of the cluster that this process started; none of other clusters."""
     node = import_module("ray._private.worker")._global_node
     if node is None or "RAY_ADDRESS" in os.environ:
         return []
@@ -210,7 +210,7 @@ def _extra(module: str, extra: str) -> ModuleType:
     """Return an optional module.
 
     Raises:
-        SymgraspError: it is not installed; the sentence names the command that installs it.
+        SymgraspError: the module is not installed; the message has the command to install it.
     """
     try:
         return import_module(module)

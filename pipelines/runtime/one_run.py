@@ -1,7 +1,8 @@
-"""One run at a time on an output: a lock that a killed run does not leave behind.
+"""One run at a time on an output, by a lock that a killed run does not leave behind.
 
-The lock is the system's, on a small file beside the output, `.NAME.STAGE.lock`, which says who
-holds it. The file goes with the run; that of a killed run holds nothing and goes with the next.
+The operating system locks a small file next to the output, `.NAME.STAGE.lock`, which names the
+holder. The run removes the file; the file of a killed run is not locked, and the next run removes
+it.
 """
 
 import inspect
@@ -22,7 +23,7 @@ from pipelines.errors import SymgraspError
 from pipelines.runtime.batch import BatchOptions
 from pipelines.storage.files import real_path
 
-if sys.platform != "win32":  # runs there do not know of each other
+if sys.platform != "win32":  # runs on Windows do not detect each other
     import fcntl
 
 P = ParamSpec("P")
@@ -48,12 +49,12 @@ class OutputInUseError(SymgraspError):
 def one_run_at_a_time(stage: str, *names: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Let the `run` of `stage` refuse an output that another run of the stage is writing.
 
-    A dry run and all but the first process of torchrun write nothing and are let through.
+    A dry run and all but the first process of torchrun write nothing and need no lock.
 
     Args:
         stage: the command's name.
-        names: parameters of `run`, dotted for a field of one; the first that is not None is the
-            output.
+        names: parameters of `run`, dotted for a field of a parameter; the first that is not None
+            is the output.
     """
 
     def decorate(run: Callable[P, R]) -> Callable[P, R]:
@@ -88,18 +89,17 @@ def _writes_nothing(given: Mapping[str, Any]) -> bool:
 def held(output: Path, stage: str) -> Iterator[None]:
     """Hold the lock of `output` for a run of `stage`, for as long as the context lasts.
 
-    Where nothing can be locked, on a disk that is only read or that has no locks, the run goes on
-    without.
+    On a disk that is read-only or supports no locks, the run goes on without a lock.
 
     Raises:
-        OutputInUseError: another process holds it.
+        OutputInUseError: another process holds the lock.
     """
     whole = real_path(output)
     made = _missing_parents(whole)
     lock = whole.with_name(f".{whole.name}.{stage}.lock")
     handle = None
     try:
-        with suppress(OSError):  # what cannot be written is for the stage to say
+        with suppress(OSError):  # the stage reports a folder that cannot be written
             whole.parent.mkdir(parents=True, exist_ok=True)
             handle = _locked(lock, output, stage)
         yield
@@ -119,7 +119,7 @@ def _missing_parents(path: Path) -> list[Path]:
 
 
 def _locked(lock: Path, output: Path, stage: str) -> int | None:
-    """Return the open lock file; None where there are no locks."""
+    """Return the open lock file; None on Windows, where there are no locks."""
     if sys.platform == "win32":
         return None
     while True:
@@ -127,7 +127,7 @@ def _locked(lock: Path, output: Path, stage: str) -> int | None:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             if _is_at(handle, lock):
-                break  # else its holder has removed it meanwhile
+                break  # else its holder has removed the file meanwhile
         except BlockingIOError as error:
             holder = _holder(handle)
             os.close(handle)
@@ -150,7 +150,7 @@ def _is_at(handle: int, path: Path) -> bool:
 
 
 def _holder(handle: int) -> dict[str, Any]:
-    """Return what the holder of a lock file wrote into it."""
+    """Return the record that the holder of a lock file wrote into the file."""
     try:
         found = json.loads(os.read(handle, LONGEST_RECORD))
     except ValueError:  # not written yet

@@ -1,4 +1,4 @@
-"""MuJoCo without its renderer, whose import starts a Python process that looks for GLFW."""
+"""MuJoCo without its renderer, as importing that starts a Python process to search for GLFW."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""Progress of a batch on stderr: a bar on a terminal, elsewhere a line every half minute."""
+"""Progress of a batch on stderr: a bar on a terminal, otherwise a line every half minute."""
 
 import sys
 import threading
@@ -14,11 +14,11 @@ LINE_SECONDS = 30.0  # between two lines
 def shown(
     items: Iterable[Item], stage: str, total: int, *, every: float | None = None
 ) -> Iterator[Item]:
-    """Yield `items` and show on stderr how many of `total` are done, and the time left.
+    """Yield `items`; show on stderr the number of `total` items done, and the time left.
 
     Args:
-        items: results, each taken when it is done.
-        stage: what the bar or the lines are named.
+        items: results, each available when it is done.
+        stage: name of the bar or of the lines.
         total: number of items.
         every: seconds between lines where stderr is no terminal; half a minute by default.
     """
@@ -36,7 +36,7 @@ def shown(
 
 
 def line(stage: str, done: int, total: int, seconds: float) -> str:
-    """Return a line of progress after `seconds`: how many of how many, and the time left."""
+    """Return a line of progress after `seconds`: number of items done, total, time left."""
     if not done:
         return f"{stage}: 0 of {total} done"
     left = seconds / done * (total - done)
@@ -59,7 +59,7 @@ class _Count:
 
 @contextmanager
 def _lines(stage: str, total: int, every: float, stream: TextIO) -> Iterator[_Count]:
-    """Write lines to `stream` from a thread, for one item may take longer than a line waits."""
+    """Write a line to `stream` every `every` seconds from a thread, as items may take longer."""
     count, ended, started = _Count(), threading.Event(), time.monotonic()
 
     def write() -> None:

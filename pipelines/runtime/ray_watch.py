@@ -1,7 +1,7 @@
-"""End of a ray cluster whose owner was killed: ray's agents would live on for a minute.
+"""End of a ray cluster after its owner was killed: ray's agents would run on for a minute.
 
-`ended_with_owner` starts this file as a process that waits for the end of its standard input. A
-word before that says that the cluster was shut down in order.
+`ended_with_owner` starts this file as a process that waits for the end of its standard input. The
+words `SHUT_DOWN` before that end mean that the cluster was shut down in order.
 """
 
 import os
@@ -23,7 +23,7 @@ def ended_with_owner(processes: list[int]) -> Iterator[None]:
         yield
         return
     command = [sys.executable, __file__, *map(str, processes)]
-    # A session of its own: Ctrl-C on a terminal is the owner's affair.
+    # In a new session, since only the owner handles Ctrl-C on a terminal.
     with subprocess.Popen(command, stdin=subprocess.PIPE, start_new_session=True) as watch:
         try:
             yield
@@ -33,11 +33,11 @@ def ended_with_owner(processes: list[int]) -> Iterator[None]:
 
 
 def descendants(processes: set[int]) -> set[int]:
-    """Return `processes` and what they have started, directly or not."""
+    """Return the running ones of `processes` and of their descendants."""
     parents = {}
     for folder in PROCESSES.glob("[0-9]*"):
         with suppress(OSError, IndexError, ValueError):
-            # The name in parentheses may hold anything.
+            # The name in parentheses may contain anything.
             words = (folder / "stat").read_text().rpartition(")")[2].split()
             parents[int(folder.name)] = int(words[1])
     found = set(processes)
@@ -47,8 +47,8 @@ def descendants(processes: set[int]) -> set[int]:
 
 
 def main() -> None:
-    """Wait for the owner's end; end the processes of the command line unless it was in order."""
-    # Processes are looked up now: after the owner's end some have another parent.
+    """Wait for the owner's end; kill the processes of the command line unless it was in order."""
+    # Descendants are found now: after the owner's end some have another parent.
     known = descendants({int(each) for each in sys.argv[1:]})
     if sys.stdin.buffer.read() == SHUT_DOWN:
         return

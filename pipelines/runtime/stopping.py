@@ -1,4 +1,4 @@
-"""Reasons of a training to stop before its end: its time limit, SIGTERM, Ctrl-C."""
+"""Reasons for a training to stop before its end: its time limit, SIGTERM, Ctrl-C."""
 
 import signal
 import threading
@@ -15,7 +15,7 @@ Handler = Callable[[int, FrameType | None], Any] | int | signal.Handlers | None
 
 
 class Reason(IntEnum):
-    """Why to stop; of two reasons the larger counts."""
+    """Reason to stop; of two reasons the larger value counts."""
 
     NONE = 0
     TIME_LIMIT = 1
@@ -26,7 +26,7 @@ class Reason(IntEnum):
 class TrainingStopped(SymgraspError):  # noqa: N818 - nothing went wrong
     """A training that stopped before its end, on request, and left a checkpoint.
 
-    `exit_code`: 128 + the signal's number, as shells have it.
+    `exit_code`: 128 + the signal's number, as in shells.
     """
 
     def __init__(self, reason: Reason, sentence: str) -> None:
@@ -35,11 +35,11 @@ class TrainingStopped(SymgraspError):  # noqa: N818 - nothing went wrong
 
 
 class StopSignals:
-    """Record of the signals to stop, which then do not end the process in mid-step."""
+    """Record of the signals to stop, which so do not end the process within a step."""
 
     def __init__(self) -> None:
         self.reason = Reason.NONE
-        self._before: dict[signal.Signals, Handler] = {}  # handlers
+        self._before: dict[signal.Signals, Handler] = {}  # the earlier handlers
 
     @contextmanager
     def heeded(self, *, patient: bool) -> Iterator[None]:

@@ -1,1 +1,1 @@
-"""Grasps over HTTP: frames in posts, and the server that answers them."""
+"""Grasps over HTTP: frames in POST requests, and the server that answers them."""

@@ -1,4 +1,4 @@
-"""The HTTP application: `POST /grasps` answers a frame with its grasps, `GET /health` counts."""
+"""The HTTP application: `POST /grasps` returns the grasps of a frame, `GET /health` counts."""
 
 import logging
 from collections.abc import Callable
@@ -22,12 +22,12 @@ def make_app(answer: Answer, facts: dict[str, Any], config: ServeConfig) -> Fast
     """Return the application.
 
     Args:
-        answer: gives the grasps of a frame; called from several threads.
-        facts: what `/health` says beside the counts.
-        config: limits.
+        answer: returns the grasps of a frame; called from several threads.
+        facts: content of `/health` in addition to the counts.
+        config: limits of the server.
     """
     app = FastAPI(title="SymGrasp", docs_url=None, redoc_url=None, openapi_url=None)
-    # Frames so far; changed by the one thread of the event loop.
+    # Numbers of frames so far; only the thread of the event loop changes them.
     counts = {"answered": 0, "refused": 0, "waiting": 0}
     limiter = anyio.CapacityLimiter(config.parallel)
 
@@ -54,7 +54,7 @@ def make_app(answer: Answer, facts: dict[str, Any], config: ServeConfig) -> Fast
 async def _answered(
     request: Request, answer: Answer, limiter: anyio.CapacityLimiter, config: ServeConfig
 ) -> Response:
-    """Return the grasps of the posted frame, or one sentence of what is wrong with it."""
+    """Return the grasps of the posted frame, or one sentence about its fault."""
     # Another type would let any web page that the user visits post here.
     if request.headers.get("content-type", "").partition(";")[0].strip() != JSON_TYPE:
         return _refusal(415, f"the Content-Type is not {JSON_TYPE}")

@@ -28,8 +28,8 @@ class PostedFrame:
     Attributes:
         color: (H, W, 3) RGB.
         depth: (H, W) whole numbers or metres.
-        options: intrinsics and what else was posted, by the detector's names.
-        name: of the frame, to find the answer by.
+        options: intrinsics and other posted options, by the detector's names.
+        name: name of the frame, which identifies its answer.
     """
 
     color: NDArray[np.uint8]
@@ -39,10 +39,10 @@ class PostedFrame:
 
 
 def posted_frame(body: bytes, max_pixels: int) -> PostedFrame:
-    """Return the frame of a post.
+    """Return the frame in the body of a POST request.
 
     Raises:
-        ValueRangeError: it is no JSON object of a frame; the message says what is wrong.
+        ValueRangeError: `body` is no JSON object of a frame; the message states the fault.
     """
     try:
         content = parsed_json(body)

@@ -22,10 +22,10 @@ ALIGNMENT = 8
 
 @dataclass(frozen=True)
 class TrainingState:
-    """Everything a training needs to go on as if it had never stopped."""
+    """Everything that a training needs to resume as if it had never stopped."""
 
     model: dict[str, "Tensor"]
-    optimizer: dict[str, Any]  # `state_dict()` of Adam, whose state is tensors alone
+    optimizer: dict[str, Any]  # `state_dict()` of Adam, a state of tensors alone
     progress: dict[str, Any]  # JSON: epoch, step, losses
 
 
@@ -35,7 +35,7 @@ def save_weights(
     metadata: Mapping[str, str],
     stamp: Stamp | None = None,
 ) -> None:
-    """Write `tensors` with text `metadata`; the same ones give the same bytes.
+    """Write `tensors` with text `metadata`; the same content gives the same bytes.
 
     A `stamp` is stored as the metadata's `provenance`.
     """
@@ -46,7 +46,7 @@ def save_weights(
 
 
 def load_weights(path: Path, framework: str = "pt") -> tuple[dict[str, Any], dict[str, str]]:
-    """Read tensors and metadata of a safetensors file; of `np` arrays, which need no torch.
+    """Read tensors and metadata of a safetensors file; `framework` `np` gives arrays, not torch.
 
     Raises:
         FormatError: truncated, or not safetensors.
@@ -95,7 +95,7 @@ def by_kind(
     """Return tensors called KIND.NAME by kind and name.
 
     Raises:
-        KeyError: a kind is none of those `known`, if any are given.
+        KeyError: a kind is not in `known`, unless `known` is empty.
     """
     kinds: dict[str, dict[str, Tensor]] = {kind: {} for kind in known} or defaultdict(dict)
     for name, tensor in tensors.items():
@@ -105,7 +105,7 @@ def by_kind(
 
 
 def _apart(tensors: Mapping[str, "Tensor"]) -> dict[str, "Tensor"]:
-    """Return `tensors` on the CPU, copied where they share memory: the library refuses that."""
+    """Return `tensors` on the CPU, copied if they share memory, which the library refuses."""
     taken, plain = set(), {}
     for name, tensor in tensors.items():
         here = tensor.detach().cpu().contiguous()
@@ -116,9 +116,9 @@ def _apart(tensors: Mapping[str, "Tensor"]) -> dict[str, "Tensor"]:
 
 
 def _sorted_header(data: bytes) -> tuple[bytes, memoryview]:
-    """Return a safetensors file, its metadata in order, which the library's are not, and the rest.
+    """Return the header of a safetensors file, with sorted metadata, and the rest of the file.
 
-    The rest is the largest part by far and is not copied.
+    The library does not sort. The rest is the largest part by far and is not copied.
     """
     length = int.from_bytes(data[:HEADER_LENGTH_BYTES], "little")
     start = HEADER_LENGTH_BYTES + length

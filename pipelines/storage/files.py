@@ -23,15 +23,15 @@ from pipelines.ending import remove_temporary
 from pipelines.errors import FormatError, MissingInputError, SymgraspError
 from pipelines.storage.temporary import new_temporary
 
-LONGEST_NAME = 255  # bytes that file systems take
+LONGEST_NAME = 255  # bytes of a file name that file systems accept
 MAX_UNPACK_BYTES = 2**28  # of all arrays of an .npz: a frame of MAX_PIXELS and its colours
 NPY_MAGIC = b"\x93NUMPY"
 NPY_HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
 }
-NPY_HEADER_BYTES = 2**16  # numpy reads no longer ones
-# What numpy and zipfile raise on files that are cut off, damaged, encrypted, or claim a size that
+NPY_HEADER_BYTES = 2**16  # numpy reads no longer headers
+# Errors of numpy and zipfile on files that are cut off, damaged, encrypted, or claim a size that
 # does not fit into memory.
 DAMAGED = (
     *UNFIT,
@@ -47,7 +47,7 @@ DAMAGED = (
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
-    """Yield a temporary path beside `path`; on success it is synced and renamed to `path`."""
+    """Yield a temporary path next to `path`; on success it is synced and renamed to `path`."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = new_temporary(path, lambda made: made.touch(mode=0o600, exist_ok=False))
     try:
@@ -62,9 +62,9 @@ def atomic_path(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def atomic_folder(path: Path) -> Iterator[Path]:
-    """Yield a temporary folder beside `path`; on success it takes the place of `path`.
+    """Yield a temporary folder next to `path`; on success it takes the place of `path`.
 
-    Where `path` is a link, what it leads to is replaced.
+    If `path` is a link, its target is replaced.
     """
     path = real_path(path) if path.is_symlink() else path
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -76,7 +76,7 @@ def atomic_folder(path: Path) -> Iterator[Path]:
                 with file.open("rb") as stream:
                     os.fsync(stream.fileno())
         temporary.chmod(0o777 & ~_umask())
-        # An earlier folder is moved away whole: half deleted it would still bear its stamp.
+        # An earlier folder is moved away whole: half deleted it would still have its stamp.
         earlier = temporary.with_name(f"{temporary.name}.earlier")
         if path.exists():
             path.replace(earlier)
@@ -109,7 +109,7 @@ def write_json(path: Path, content: Any) -> None:  # noqa: ANN401 - JSON is any 
 
 
 def finite_json(content: Any) -> Any:  # noqa: ANN401 - JSON is any of many types
-    """Return `content` with numbers as Python's own and nan as None: JSON has no nan."""
+    """Return `content` with Python's own numbers, and None for nan, which JSON lacks."""
     if isinstance(content, Mapping):
         return {str(key): finite_json(value) for key, value in content.items()}
     if isinstance(content, list | tuple):
@@ -144,7 +144,7 @@ def read_bytes(path: Path, most: int) -> bytes:
 
 
 def is_file(path: Path) -> bool:
-    """Return whether `path` is a file; False too where it cannot be a path, as damage makes it."""
+    """Return whether `path` is a file; False also if it is no valid path, as in a damaged file."""
     try:
         return path.is_file()
     except OSError:  # too long, for one
@@ -167,9 +167,9 @@ def existing(path: Path, made_by: str = "") -> Path:
 
 
 def real_path(path: Path) -> Path:
-    """Return the absolute `path` without links; of links that run in a circle, as far as it goes.
+    """Return the absolute `path` without links; a circle of links stays unresolved.
 
-    `Path.resolve` raises RuntimeError there.
+    `Path.resolve` raises RuntimeError on a circle.
     """
     return Path(os.path.realpath(path))
 
@@ -210,7 +210,7 @@ def read_npy(path: Path) -> NDArray[Any]:
 
 @contextmanager
 def _plain_arrays(path: Path, suffix: str) -> Iterator[None]:
-    """Raise FormatError for what numpy cannot read; headers of Python 2 are read without a word."""
+    """Raise FormatError if numpy cannot read a file; headers of Python 2 give no warning."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
@@ -229,7 +229,7 @@ def write_npz(path: Path, *, compress: bool = True, **arrays: NDArray[Any]) -> N
 def _refuse_npy(path: Path, stream: IO[bytes], size: int) -> None:
     """Raise FormatError if an array's header announces more than the `size` bytes of its file."""
     if stream.read(len(NPY_MAGIC)) != NPY_MAGIC:
-        return  # for numpy to name
+        return  # numpy reports it
     stream.seek(-len(NPY_MAGIC), os.SEEK_CUR)
     version = np.lib.format.read_magic(stream)
     read_header = NPY_HEADERS.get(version)
@@ -270,10 +270,10 @@ def _refuse_bomb(path: Path, archive: zipfile.ZipFile) -> None:
 
 @contextmanager
 def open_safetensors(path: Path, framework: str = "np") -> Iterator[Any]:
-    """Yield the file, its tensors those of `framework` (`np` needs no torch, `pt` is torch).
+    """Yield the file, with tensors of `framework` (`np` needs no torch, `pt` is torch).
 
     Raises:
-        FormatError: it is truncated, or not safetensors.
+        FormatError: the file is truncated, or not safetensors.
     """
     from safetensors import SafetensorError, safe_open  # noqa: PLC0415 - few commands need it
 

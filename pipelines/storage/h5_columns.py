@@ -1,7 +1,7 @@
-"""Columns of HDF5 files: named arrays of equal first axis, with their units beside them.
+"""Columns of HDF5 files: named arrays of equal first axis, with their units as attributes.
 
 A file of many small columns is written and read through h5py's functions for HDF5's own handles:
-its objects for groups, datasets and attributes take several times longer than HDF5 does.
+h5py's objects for groups, datasets and attributes take several times longer than HDF5 does.
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -19,7 +19,7 @@ from pipelines.contents import json_object, reading, reason
 from pipelines.errors import FormatError, ValueRangeError
 
 Column = NDArray[Any] | Sequence[str]
-Handle = Any  # what h5py calls the `id` of a file, group or dataset, or a type
+Handle = Any  # h5py's `id` of a file, group or dataset, or a type
 ColumnSpec = Mapping[str, tuple[tuple[int, ...], type]]  # shape after the first axis, type
 COLUMN = "column"  # in the metadata of a field
 NUMBERS = "biuf"  # kinds of numpy's types
@@ -37,7 +37,7 @@ def write_columns(
 ) -> None:
     """Write `columns` as datasets of `group`, in order, with the attribute `units` where given.
 
-    Those named in `by_row` are stored a row a chunk, to be read in any order. Dates are not stored
+    Columns in `by_row` are stored a row per chunk, to be read in any order. Dates are not stored
     (`track_times`): the same columns give the same bytes.
     """
     for name, column in columns.items():
@@ -56,7 +56,7 @@ def write_columns(
 def make_column(
     group: h5py.Group, name: str, shape: tuple[int, ...], dtype: DTypeLike, unit: str | None
 ) -> None:
-    """Make a dataset of `group`, to be filled; the type object stands for texts."""
+    """Make a dataset of `group`, to be filled; the type `object` is for texts."""
     made = _make(group.id, name, shape, _types(np.dtype(dtype))[0])
     if unit:
         write_attribute(made, "units", unit)
@@ -90,7 +90,7 @@ def _types(dtype: np.dtype[Any]) -> tuple[Handle, Handle]:
 def read_columns(path: Path, group: h5py.Group, names: Iterable[str]) -> dict[str, Any]:
     """Read datasets of `group`: arrays, and texts as arrays of str objects.
 
-    Those of a ColumnSpec are read only if all have its shapes and the same number of rows.
+    If `names` is a ColumnSpec, all datasets must have its shapes and the same number of rows.
 
     Raises:
         FormatError: one of `names` is missing or damaged.
@@ -120,8 +120,8 @@ def read_rows(dataset: h5py.Dataset, rows: slice) -> NDArray[Any]:
     """Read rows of a dataset of numbers or texts, the latter as str objects.
 
     Raises:
-        ValueError: it has no rows, or holds something else.
-        OSError: HDF5 cannot read it.
+        ValueError: the dataset has no rows, or values of another type.
+        OSError: HDF5 cannot read the dataset.
     """
     is_text = h5py.check_string_dtype(dataset.dtype) is not None
     if not dataset.shape or (dataset.dtype.kind not in NUMBERS and not is_text):
@@ -131,16 +131,16 @@ def read_rows(dataset: h5py.Dataset, rows: slice) -> NDArray[Any]:
 
 
 def json_attributes(path: Path, file: h5py.File, names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Return attributes that hold JSON objects; empty where there is no such attribute.
+    """Return the JSON objects in attributes; empty if there is no such attribute.
 
     Raises:
-        FormatError: one holds something else.
+        FormatError: an attribute holds something else.
     """
     return {name: json_object(path, attribute(file, name, "{}"), name) for name in names}
 
 
 def attribute(file: h5py.File, name: str, default: Any = None) -> Any:  # noqa: ANN401 - HDF5's
-    """Return an attribute of a file, `default` if it is not there or of a type numpy has not."""
+    """Return an attribute of a file: `default` if it is missing, None if it cannot be read."""
     try:
         return file.attrs.get(name, default)
     except (OSError, TypeError, ValueError, UnicodeDecodeError):
@@ -148,10 +148,10 @@ def attribute(file: h5py.File, name: str, default: Any = None) -> Any:  # noqa: 
 
 
 def read_alike(group: Handle, examples: Mapping[str, NDArray[Any]]) -> dict[str, Any] | None:
-    """Read the datasets of `group` if each is of the type and row shape of its example.
+    """Read the datasets of `group` if each has the type and row shape of its example, else None.
 
-    None if one is not: `read_columns` reads it, or says what is wrong. Where HDF5 cannot read one,
-    or texts are not UTF-8, there is one of `files.DAMAGED`.
+    `read_columns` reads other datasets or raises a FormatError. Datasets that HDF5 cannot read, and
+    texts that are not UTF-8, raise one of `files.DAMAGED`.
     """
     columns: dict[str, Any] = {}
     for name, example in examples.items():
@@ -178,7 +178,7 @@ def check_version(
 ) -> None:
     """Raise FormatError unless `found` is a format version that this code knows.
 
-    Those from `oldest` to `known`; without `oldest`, `known` alone.
+    Known are the versions from `oldest` to `known`; without `oldest`, `known` alone.
     """
     first = known if oldest is None else oldest
     try:
@@ -194,7 +194,7 @@ def check_version(
 def table_column(shape: tuple[int, ...], dtype: type, *, optional: bool = False) -> Any:  # noqa: ANN401
     """Declare a column as a field of a `ColumnTable`: its shape after the first axis, and its type.
 
-    `optional`: without rows where it is not given.
+    `optional`: the column has no rows if it is not given.
     """
     if optional:
         return field(default_factory=lambda: np.zeros(0), metadata={COLUMN: (shape, dtype)})
@@ -217,10 +217,10 @@ def coerce_columns(table: object, spec: ColumnSpec, length: int) -> None:
     Args:
         table: a dataclass instance, in its `__post_init__`.
         spec: attribute to (shape after the first axis, type).
-        length: of the first axis of every column.
+        length: length of the first axis of every column.
 
     Raises:
-        ValueRangeError: a column has another shape, or holds what is not of its type.
+        ValueRangeError: a column has another shape or type.
     """
     for name, (trailing, dtype) in spec.items():
         given, owner = getattr(table, name), type(table).__name__

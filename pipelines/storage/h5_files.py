@@ -1,11 +1,11 @@
-"""Whole HDF5 files: written at once with a check sum behind, and checked before they are opened.
+"""Whole HDF5 files: written atomically with a check sum at the end, and checked before opening.
 
-HDF5 follows addresses that it finds in a file; in a damaged one that may never end or take the
-process with it. So the files written here end with a check sum of all before it, which HDF5
-ignores. Files without one, of other programs or changed by them since, are opened as they are.
+HDF5 follows addresses that it finds in a file; in a damaged file this may never end, or crash the
+process. So the files written here end with a check sum of all bytes before it, which HDF5 ignores.
+Files without a check sum, written or changed by other programs, are opened without this check.
 
-A file may also name others to be read in its place, and announce sizes that no memory holds: links
-are followed nowhere (D. 123), and sizes compared with that of the file.
+A file may also refer to other files, and announce sizes that no memory holds: links are never
+followed (D. 123), and sizes are compared with the size of the file.
 """
 
 import math
@@ -26,18 +26,18 @@ from pipelines.storage.files import atomic_path, existing
 MARK = b"symgrasp crc32:\n"
 SEAL = struct.Struct(f"<{len(MARK)}sQI")  # mark, bytes before it, their check sum
 PIECE = 1 << 22  # bytes that are read at a time
-MOST_BYTES = 1 << 28  # of larger files no check sum is made: that would be a second reading
-MAX_LINKS = 10_000  # groups and datasets; ours have forty
+MOST_BYTES = 1 << 28  # larger files have no check sum, for which they would be read once more
+MAX_LINKS = 10_000  # groups and datasets; our files have forty
 # Datasets together may take this many bytes, or this many times the file: LZF packs up to 88 times,
 # but no whole scene so well.
 MAX_UNPACKED_BYTES = 2**28
 MAX_UNPACK_RATIO = 20
-OUTSIDE = "only what lies in the file itself is read: write it again without"
+OUTSIDE = "only data in the file itself is read; write it again with all its data inside"
 
 
 @contextmanager
 def new_h5(path: Path) -> Iterator[h5py.File]:
-    """Yield a file to fill, which appears at `path` once it is whole, with its check sum."""
+    """Yield a file to fill, which appears at `path` once it is complete, with its check sum."""
     with atomic_path(path) as temporary:
         with h5py.File(temporary, "w") as file:
             yield file
@@ -59,10 +59,10 @@ def open_h5(
 
     Args:
         path: the file.
-        cache_bytes: of a dataset's chunk cache; HDF5's own if None.
-        checked: whether to compare it with its check sum; once in a process, unless it is changed.
-        root_attributes_only: nothing else is read, and these lie in the file itself; so its
-            datasets, of which a list takes milliseconds, are not looked at.
+        cache_bytes: size of a dataset's chunk cache; HDF5's default if None.
+        checked: whether to verify the check sum; once in a process, unless the file changes.
+        root_attributes_only: the caller reads nothing else, and root attributes are always within
+            the file; so the datasets are not checked, which saves milliseconds.
 
     Raises:
         FormatError: the file is truncated, damaged or not HDF5.
@@ -70,13 +70,13 @@ def open_h5(
     found = existing(path).stat()
     if checked and not _is_sound(path, found.st_size, found.st_mtime_ns):
         raise FormatError(
-            path, "is damaged: its check sum is another", "write it again, or take a sound copy"
+            path, "is damaged: its check sum is wrong", "write it again, or take an intact copy"
         )
     try:
         if not root_attributes_only:
             _refuse_outside(path, found.st_size, found.st_mtime_ns)
         return h5py.File(path, "r", rdcc_nbytes=cache_bytes)
-    except (OSError, RuntimeError, KeyError) as error:  # HDF5's, of what it finds damaged
+    except (OSError, RuntimeError, KeyError) as error:  # raised by HDF5 on damage
         raise FormatError(
             path, "this is not a whole HDF5 file", "write it again; a cut-off copy cannot be read"
         ) from error
@@ -84,8 +84,8 @@ def open_h5(
 
 @lru_cache(maxsize=4096)
 def _is_sound(path: Path, size: int, written: int) -> bool:
-    """Return whether the file of `size` bytes, `written` then, is as its check sum says."""
-    del written  # tells versions of a file apart in the cache
+    """Return whether the file of `size` bytes, changed last at `written`, has its check sum."""
+    del written  # distinguishes versions of a file in the cache
     if size < SEAL.size:
         return True
     with path.open("rb") as stream:
@@ -107,8 +107,8 @@ def _check_sum(path: Path, length: int) -> int:
 
 @lru_cache(maxsize=4096)
 def _refuse_outside(path: Path, size: int, written: int) -> None:
-    """Raise FormatError if the file of `size` bytes leads outside itself, or beyond all memory."""
-    del written  # tells versions of a file apart in the cache
+    """Raise FormatError if the file of `size` bytes has data in other files, or too much data."""
+    del written  # distinguishes versions of a file in the cache
     unpacked = 0
     with h5py.File(path, "r") as file:
         for name, found in _objects(path, file.id):
@@ -131,7 +131,7 @@ def _objects(path: Path, root: h5g.GroupID) -> Iterator[tuple[str, h5g.GroupID |
             seen += 1
             if group.links.get_info(short).type != h5l.TYPE_HARD:
                 raise FormatError(path, f"{name} is a link to something else", OUTSIDE)
-            if seen > MAX_LINKS:  # or a group that lies in itself
+            if seen > MAX_LINKS:  # or a group that contains itself
                 raise FormatError(path, f"has more than {MAX_LINKS} groups and datasets", OUTSIDE)
             found = h5o.open(group, short)
             yield name, found

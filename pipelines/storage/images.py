@@ -1,4 +1,4 @@
-"""Images as arrays: read whole, of bounded size, and written at once."""
+"""Images as arrays: read whole, of bounded size, and written atomically."""
 
 import struct
 from collections.abc import Iterator
@@ -15,7 +15,7 @@ from pipelines.storage.files import read_bytes, write_bytes
 
 TO_RGB = {3: cv2.COLOR_BGR2RGB, 4: cv2.COLOR_BGRA2RGB}  # by the number of channels
 COLOR_TYPES = (np.uint8, np.uint16, np.float32)  # that OpenCV converts; TIFF has others too
-JPEG_TAIL = 4096  # bytes in which the end mark must lie; some cameras pad with zeros
+JPEG_TAIL = 4096  # last bytes, which must contain the end mark; some cameras pad with zeros
 MAX_IMAGE_BYTES = 2**29  # 16 bit RGB of MAX_PIXELS, not compressed, and more
 # JPEG's starts of frame, which hold its size; the gaps are tables.
 FRAME_STARTS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
@@ -44,7 +44,7 @@ def decode_image(path: Path, data: bytes) -> NDArray[Any]:
         raise FormatError(path, f"an image of {pixels} pixels", expected)
     try:
         image = None if pixels is None else cv2.imdecode(numbers, cv2.IMREAD_UNCHANGED)
-    except cv2.error:  # damage that OpenCV notices too late for an answer of None
+    except cv2.error:  # damage on which OpenCV raises instead of returning None
         image = None
     if image is None:
         raise FormatError(path, "this is not a whole image", "a PNG, JPEG or TIFF file is expected")
@@ -62,7 +62,7 @@ def _as_rgb(image: NDArray[Any]) -> NDArray[Any]:
 
 
 def _refuse_truncated(path: Path, data: bytes) -> None:
-    # OpenCV fills the missing rows of a cut-off image and says nothing.
+    # OpenCV fills the missing rows of a cut-off image without an error.
     if data.startswith(b"\x89PNG") and b"IEND" not in data[-16:]:
         raise FormatError(path, "this PNG is cut off", "copy the whole file again")
     if data.startswith(b"\xff\xd8") and b"\xff\xd9" not in data[-JPEG_TAIL:]:
@@ -70,7 +70,7 @@ def _refuse_truncated(path: Path, data: bytes) -> None:
 
 
 def write_image(path: Path, image: NDArray[Any]) -> None:
-    """Write `image`, (H, W) or (H, W, 3) RGB, 8 or 16 bit, atomically; the suffix says the kind."""
+    """Write `image`, (H, W) or (H, W, 3) RGB, 8 or 16 bit, atomically in the suffix's format."""
     try:
         data = encode_image(image, path.suffix)
     except SymgraspError as error:
@@ -136,7 +136,7 @@ def _tiff_pixels(data: bytes, order: str) -> int:
 
 
 def _tiff_tags(data: bytes, order: str) -> Iterator[tuple[int, int]]:
-    """Yield the tags of the first directory that hold one whole number, with it."""
+    """Yield the tags of the first directory with one whole number as value, and the value."""
     is_big = struct.unpack_from(f"{order}H", data, 2)[0] == 43
     word, number, size, value_at = ("Q", "Q", 20, 12) if is_big else ("I", "H", 12, 8)
     at = struct.unpack_from(f"{order}{word}", data, struct.calcsize(word))[0]

@@ -1,4 +1,4 @@
-"""Stamps: how an output was made, carried in every file, and whether that still holds."""
+"""Stamps in every output: how it was made, and whether it is still up to date."""
 
 import dataclasses
 import hashlib
@@ -19,17 +19,17 @@ from pipelines.storage.h5_columns import attribute
 from pipelines.storage.h5_files import open_h5
 
 log = logging.getLogger(__name__)
-# What must agree for an existing output to be reused; the version is recorded, not compared.
+# Fields that must agree for an existing output to be reused; the version is not compared.
 COMPARED = ("stage", "config", "seed", "inputs")
 PAGE_STAMP = re.compile('<meta name="provenance" content="([^"]*)">')
-PAGE_HEAD = 65536  # characters of a page in which its stamp must lie
+PAGE_HEAD = 65536  # first characters of a page, which must contain its stamp
 
 
 @dataclasses.dataclass(frozen=True)
 class Stamp:
-    """What an output was made by: stage, settings, seed and digests of its inputs.
+    """Origin of an output: stage, settings, seed and digests of its inputs.
 
-    `recorded` is written down too where there is any, for later stages; it is not compared.
+    `recorded`: further facts for later stages, written if there are any, and not compared.
     """
 
     stage: str
@@ -53,7 +53,7 @@ class Stamp:
         return json.dumps(self.as_json(), sort_keys=True)
 
     def as_digest(self) -> str:
-        """Return a digest of what is compared: the same whichever version of the toolkit."""
+        """Return a digest of the compared fields, the same for every version of the toolkit."""
         stamp = self.as_json()
         return digest_text(json.dumps({key: stamp[key] for key in COMPARED}, sort_keys=True))
 
@@ -83,7 +83,7 @@ def make_stamp(
 def digest(path: Path) -> str:
     """Return the first 16 hexadecimal digits of the file's SHA-256.
 
-    A pipe or a device may never end: whoever reads its content says so.
+    A pipe or a device may never end and is not read here; its reader raises the error.
     """
     if path.exists() and not path.is_file():
         return "no plain file"
@@ -92,7 +92,7 @@ def digest(path: Path) -> str:
 
 
 def digest_if_there(path: Path) -> str:
-    """Return the digest of a file, `missing` of one that is not there: reading it says so then."""
+    """Return the digest of a file, or `missing` if there is no file, which its reader reports."""
     return digest(path) if path.is_file() else "missing"
 
 
@@ -104,29 +104,29 @@ def digest_text(text: str) -> str:
 def digest_folder(folder: Path, pattern: str) -> str:
     """Return one digest of the names and contents of all files of `folder` that fit `pattern`.
 
-    Hidden files are what an interrupted run left behind, and do not count.
+    Hidden files are left over from interrupted runs, and do not count.
     """
     files = sorted(path for path in folder.glob(pattern) if not path.name.startswith("."))
     return digest_text("".join(f"{path.name} {digest(path)}\n" for path in files))
 
 
 def sidecar_of(target: Path) -> Path:
-    """Return where the stamp of `target` lies when the format itself has no place for it."""
+    """Return the path of the stamp of `target`, for formats that have no place for a stamp."""
     if target.is_dir():
         return target / "provenance.json"
     return target.with_name(f"{target.name}.provenance.json")
 
 
 def write_sidecar(target: Path, stamp: Stamp) -> None:
-    """Write the stamp of `target` beside it, or into it if it is a folder."""
+    """Write the stamp of `target` next to the file, or into the folder if it is a folder."""
     write_json(sidecar_of(target), stamp.as_json())
 
 
 def stamp_ahead(target: Path, stamp: Stamp) -> None:
     """Write the sidecar of the file `target`, which is to be written next.
 
-    The stamp goes first: a file without one would be taken for somebody else's. An earlier
-    `target` goes before that: a run killed in between would leave it under a stamp not its own.
+    The stamp is written first: a file without a stamp counts as another program's. An earlier
+    `target` is removed before: a run killed in between would leave it under the wrong stamp.
     """
     target.unlink(missing_ok=True)
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -136,21 +136,21 @@ def stamp_ahead(target: Path, stamp: Stamp) -> None:
 def refuse_other_suffix(output: Path, suffix: str) -> None:
     """Raise ValueRangeError if `--out` does not end in `suffix`.
 
-    Where the stamp of an output is looked for follows from its suffix; under another one it would
-    not be found again.
+    The place of an output's stamp follows from the suffix; with another suffix the stamp would not
+    be found again.
     """
     if output.suffix != suffix:
         raise ValueRangeError("--out", output, f"a file name that ends in {suffix}")
 
 
 def read_stamp(target: Path) -> dict[str, Any] | None:
-    """Return the stamp of `target`, or None if it has none: what is no JSON object is no stamp."""
+    """Return the stamp of `target`, or None if it has none; a stamp is a JSON object."""
     match target.suffix:
         case ".h5" | ".hdf5":
             with open_h5(target, root_attributes_only=True) as file:
                 return _stamp_of(attribute(file, "provenance"))
         case ".json":
-            # What a person wrote by hand may say anything there; that is no stamp.
+            # A file written by hand may have anything there, which is no stamp.
             content = read_json(target)
             stamp = content.get("provenance") if isinstance(content, dict) else None
             return stamp if isinstance(stamp, dict) else None
@@ -175,10 +175,10 @@ def _stamp_of(text: object) -> dict[str, Any] | None:
 
 
 def is_finished(target: Path, stamp: Stamp, *, overwrite: bool = False) -> bool:
-    """Return whether `target` exists and was made as `stamp` says.
+    """Return whether `target` exists and has the same compared fields as `stamp`.
 
     Raises:
-        StaleOutputError: it exists, was made otherwise, and may not be overwritten.
+        StaleOutputError: `target` exists with another stamp, and may not be overwritten.
     """
     if not target.exists() or overwrite:
         return False
@@ -186,14 +186,14 @@ def is_finished(target: Path, stamp: Stamp, *, overwrite: bool = False) -> bool:
     if any(found.get(key) != wanted[key] for key in COMPARED):
         raise StaleOutputError(target)
     if found.get("version") != wanted["version"]:
-        _tell_of_version(str(found.get("version")), str(wanted["version"]))
+        _warn_of_version(str(found.get("version")), str(wanted["version"]))
     return True
 
 
 @lru_cache  # once a process: a stage may reuse thousands of files
-def _tell_of_version(found: str, installed: str) -> None:
+def _warn_of_version(found: str, installed: str) -> None:
     log.warning(
-        "what is reused was made by symgrasp %s, installed is %s; --overwrite makes it anew",
+        "reused outputs were made by symgrasp %s, installed is %s; --overwrite makes them again",
         found,
         installed,
     )
@@ -201,10 +201,10 @@ def _tell_of_version(found: str, installed: str) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class FileVersion:
-    """A file as last written, the key of a cache: what is in memory is good for that only."""
+    """A file as last written: the key of a cache, which is valid for this version only."""
 
-    path: Path  # of the file
-    written: int = 0  # nanoseconds; 0 where there is no such file, which reading it then says
+    path: Path
+    written: int = 0  # nanoseconds; 0 if there is no such file, which its reader reports
     size: int = 0  # bytes
 
     @classmethod

@@ -1,4 +1,4 @@
-"""Weights in torch's own file format, which others publish; read without running any code."""
+"""Weights of other projects in torch's file format, read without running any code."""
 
 import argparse
 import pickle
@@ -14,13 +14,13 @@ from pipelines.storage.files import existing
 if TYPE_CHECKING:
     from torch import Tensor
 
-# Where the checkpoints of training scripts hold their tensors, beside optimizer, epoch and args.
+# Keys of the tensors in checkpoints of training scripts, next to optimizer, epoch and args.
 PLACES = ("model", "state_dict", "model_state_dict", "model_state", "module")
-PARALLEL = "module."  # what DistributedDataParallel puts before each name
+PARALLEL = "module."  # prefix of each name from DistributedDataParallel
 
 
 def read_torch_weights(path: Path) -> "dict[str, Tensor]":
-    """Read the tensors of a `.pth` or `.safetensors` file by name, those of a checkpoint's model.
+    """Read the named tensors of a `.pth` or `.safetensors` file; of a checkpoint, its model's.
 
     Raises:
         FormatError: the file holds no tensors by name.
@@ -31,7 +31,7 @@ def read_torch_weights(path: Path) -> "dict[str, Tensor]":
         return load_weights(path)[0]
     expected = "a file of tensors by name, as torch.save writes a state_dict, is expected"
     try:
-        # The options of a script, as checkpoints hold them: names and values, no code.
+        # Checkpoints may contain a script's options: names and values, no code.
         with torch.serialization.safe_globals([argparse.Namespace]):
             content = torch.load(existing(path), map_location="cpu", weights_only=True)
     except (pickle.UnpicklingError, RuntimeError, EOFError, *UNFIT) as error:

@@ -1,7 +1,7 @@
-"""Mark of a folder that a command is still making: later commands refuse a folder that bears one.
+"""Mark in a folder that a command is still writing: later commands refuse a marked folder.
 
-The mark goes when all is made. A run that was killed, or that failed in part, leaves it behind; one
-that was refused and wrote nothing leaves a finished folder as it was.
+The mark is removed when all is written. A run that was killed, or that failed in part, leaves the
+mark; a run that was refused and wrote nothing leaves a finished folder unchanged.
 """
 
 from pathlib import Path
@@ -22,17 +22,17 @@ def mark_unfinished(folder: Path, command: str) -> bool:
 
 
 def mark_finished(folder: Path, command: str) -> None:
-    """Take the mark of `command` off `folder`."""
+    """Remove the mark of `command` from `folder`."""
     (folder / MARK.format(command=command)).unlink(missing_ok=True)
 
 
 def refuse_unfinished(folder: Path) -> None:
-    """Raise a SymgraspError if `folder` was not made to its end."""
+    """Raise a SymgraspError if `folder` is unfinished."""
     head, tail = MARK.split("{command}")
     mark = min(folder.glob(MARK.format(command="*")), default=None)
     if mark is not None:
         command = mark.name.removeprefix(head).removesuffix(tail)
         raise SymgraspError(
             f"{folder} is unfinished: `symgrasp {command}` still writes it, was stopped, or failed "
-            f"in part; run the same command again, or delete {mark} to use what is there"
+            f"in part; run the same command again, or delete {mark} to use it unfinished"
         )

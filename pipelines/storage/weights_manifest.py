@@ -1,4 +1,4 @@
-"""`manifest.json` beside the default weights: digests, and the grasps of a golden frame.
+"""`manifest.json` next to the default weights: digests, and the grasps of a golden frame.
 
 `python tools/golden_frame.py` writes it anew whenever weights, frames or `infer` itself change.
 """
@@ -33,7 +33,7 @@ class GoldenGrasps:
 
 @dataclass(frozen=True)
 class Manifest:
-    """What is shipped: the digest of each file, and what `infer` finds in one of the frames."""
+    """Content of `manifest.json`: a digest of each file, and the grasps of `infer` in a frame."""
 
     files: Mapping[str, str]  # path relative to the manifest's folder, to its digest
     frame: str
@@ -41,12 +41,12 @@ class Manifest:
 
 
 def manifest_path(folder: Path) -> Path:
-    """Return where the manifest of a folder of weights lies."""
+    """Return the path of the manifest of a folder of weights."""
     return folder / "manifest.json"
 
 
 def write_manifest(path: Path, manifest: Manifest, stamp: Stamp) -> None:
-    """Write `manifest`; the same one gives the same bytes."""
+    """Write `manifest`; the same manifest gives the same bytes."""
     grasps = manifest.grasps
     rows = [
         {

@@ -35,7 +35,7 @@ def test_frames_that_are_gone_or_unknown_are_a_sentence_unless_given(tmp_path: P
     attrs = attributes(FramesRecord(tmp_path / "frames", FrameOptions(None, 10.0)), grasps)
     with pytest.raises(FormatError, match="give --frames"):
         FramesRecord.of(grasps, attrs)
-    with pytest.raises(FormatError, match="does not say"):
+    with pytest.raises(FormatError, match="does not name"):
         FramesRecord.of(grasps, {"provenance": make_stamp("infer", {}).as_text()})
     given = FramesRecord.of(grasps, attrs, tmp_path / "elsewhere")
     assert given == FramesRecord(tmp_path / "elsewhere", FrameOptions(None, 10.0))

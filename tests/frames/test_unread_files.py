@@ -12,8 +12,8 @@ from pipelines.frames.frames import find_frames
     ("files", "sentence"),
     [
         ([], "it is empty"),
-        (["a.jpg", "b.jpg", "c/d.PNG"], "there lie 2 .jpg, 1 .png; no name among them says depth"),
-        (["mesh.obj"], "there lie 1 .obj; no images are among them"),
+        (["a.jpg", "b.jpg", "c/d.PNG"], "its files are 2 .jpg, 1 .png; no name has the word depth"),
+        (["mesh.obj"], "its files are 1 .obj; no images are among them"),
         (["take.r3d"], "export colour and depth images from Record3D"),
         (["take.svo2"], "ZED recording"),
         (["frames.tar.gz"], "unpack the archive"),
@@ -31,4 +31,4 @@ def test_what_lies_there_and_what_is_missing_is_said(
     with pytest.raises(SymgraspError, match="holds no RGB-D frames") as caught:
         find_frames(tmp_path)
     assert sentence in str(caught.value)
-    assert "put x_color.png beside x_depth.png" in str(caught.value)
+    assert "put x_color.png next to x_depth.png" in str(caught.value)

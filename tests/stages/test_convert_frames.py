@@ -79,7 +79,7 @@ def test_a_second_run_skips_and_other_settings_are_refused(pickled: Path, tmp_pa
     with pytest.raises(StaleOutputError):
         convert_frames.run(pickled, tmp_path / "out", TRUSTING, stated=FrameOptions(None, 0.9))
     (tmp_path / "mine").mkdir()
-    with pytest.raises(SymgraspError, match="no conversion of ours"):
+    with pytest.raises(SymgraspError, match="no folder of convert-frames"):
         convert_frames.run(pickled, tmp_path / "mine", TRUSTING, overwrite=True)
 
 

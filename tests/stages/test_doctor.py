@@ -53,7 +53,7 @@ def test_a_broken_package_hides_only_what_needs_it(monkeypatch, broken):
     names = {check.name for check in checks}
     assert {"python", "numpy", "memory", "disk", "cores"} < names
     assert ("operators" in names) == (broken == "scipy")
-    assert checks[-1].text == f"not looked at: {broken} must be mended first"
+    assert checks[-1].text == f"not checked: {broken} must be fixed first"
 
 
 def test_whatever_breaks_is_one_line_and_the_rest_goes_on(monkeypatch):

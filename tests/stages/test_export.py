@@ -299,7 +299,7 @@ def test_a_folder_or_file_of_other_things_is_not_replaced(grasps, tmp_path):
     (tmp_path / "mine.json").write_text('{"a": 1}')
     (tmp_path / "mine.csv").write_text("a,b\n")
     for name, to in (("mine", "graspnet"), ("mine.json", "json"), ("mine.csv", "csv")):
-        with pytest.raises(SymgraspError, match="no export of ours"):
+        with pytest.raises(SymgraspError, match="no output of export"):
             export.run(grasps, tmp_path / name, ExportConfig(to=to), overwrite=True)
     assert files_of(tmp_path) == {"mine.json", "mine.csv"}
     assert (tmp_path / "mine").is_dir()

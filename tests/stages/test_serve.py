@@ -243,8 +243,7 @@ def test_a_frame_that_outlasts_the_grace_or_a_second_signal_ends_in_one_sentence
         said = server.stderr.read()
         assert isinstance(lost.exception(), OSError | http.client.HTTPException)
     assert said == (
-        "error: stopped by SIGTERM; frames that it had begun and that take over "
-        f"{grace} s are lost\n"
+        f"error: stopped by SIGTERM; frames in progress that take over {grace} s are lost\n"
     )
 
 

@@ -211,14 +211,14 @@ def test_a_network_that_sees_the_camera_begins_as_one_that_does_not(tmp_path):
 def test_a_network_that_sees_the_camera_starts_none_that_does_not(tmp_path):
     seen = replace(CONFIG.network, sees_camera=True)
     path = weights_of(tmp_path / "w.safetensors", seen)
-    with pytest.raises(FormatError, match="sees_camera=True; sees_camera=False is asked for"):
+    with pytest.raises(FormatError, match="sees_camera=True; sees_camera=False is requested"):
         train.build(CONFIG, 0, path)
 
 
 def test_weights_of_a_network_with_other_settings_are_no_start(tmp_path):
     told = replace(CONFIG.network, canonical_frame=False)
     path = weights_of(tmp_path / "w.safetensors", told)
-    expected = r"with canonical_frame=False; canonical_frame=True is asked for"
+    expected = r"with canonical_frame=False; canonical_frame=True is requested"
     with pytest.raises(FormatError, match=expected):
         train.build(CONFIG, 0, path)
     train.build(replace(CONFIG, network=told), 0, path)

@@ -158,7 +158,7 @@ def test_other_settings_and_other_folders_are_refused(grasps, tmp_path):
         run(grasps, tmp_path / "new", config=ViewConfig(gripper="claw"))
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine/index.html").write_text("my own page")
-    with pytest.raises(SymgraspError, match="no view of ours"):
+    with pytest.raises(SymgraspError, match="no output of view"):
         run(grasps, tmp_path / "mine", options=replace(OPTIONS, overwrite=True))
     assert (tmp_path / "mine/index.html").read_text() == "my own page"
     (tmp_path / "file").write_text("x")

@@ -1,1 +1,1 @@
-"""Decoders of file contents that frames are stored in: bags, .pcd, .mat, pickles, LZF."""
+"""Decoders of the file formats of frames: bags, .exr, .mat, .pcd, .yaml, pickles."""

@@ -1,4 +1,4 @@
-"""Depth in OpenEXR files: half and float, one channel or several that repeat it."""
+"""Depth in OpenEXR files: half and float, one channel or several equal channels."""
 
 from pathlib import Path
 from typing import Any
@@ -10,18 +10,18 @@ from pipelines.contents import MAX_PIXELS, UNFIT
 from pipelines.errors import FormatError
 from pipelines.storage.files import existing
 
-MAX_CHANNELS = 16  # of an image; depth is one, beside colours and normals
+MAX_CHANNELS = 16  # of an image, which may have colours and normals in addition to depth
 DEPTH_CHANNELS = ("z", "depth", "y")  # the last part of a layer's name: `depth.Z`
 
 
 def read_exr(path: Path) -> NDArray[Any]:
     """Return the depth (H, W) of an OpenEXR file, or (H, W, channels) where channels differ.
 
-    It is the channel named Z, depth or Y; else the one that all others repeat, or whose others are
-    empty. Alpha does not count.
+    Depth is the channel named Z, depth or Y; else the channel that all others repeat, or the only
+    one that is not empty. Alpha does not count.
 
     Raises:
-        FormatError: damaged, too large, or of channels of other sizes than the image.
+        FormatError: the file is damaged or too large, or a channel has another size than the image.
     """
     import OpenEXR  # noqa: PLC0415 - few need it
 
@@ -43,7 +43,8 @@ def read_exr(path: Path) -> NDArray[Any]:
         raise FormatError(path, f"this is no readable .exr ({error})", expected) from error
     channels = {name: each for name, each in channels.items() if _word(name) != "a"}
     if not channels or any(each.shape != (height, width) for each in channels.values()):
-        raise FormatError(path, f"has the channels {sorted(channels)}", "one, of all pixels")
+        expected = "one channel of all pixels is expected"
+        raise FormatError(path, f"has the channels {sorted(channels)}", expected)
     return _depth_of(channels)
 
 

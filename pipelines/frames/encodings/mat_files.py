@@ -1,6 +1,6 @@
-"""Numbers out of MATLAB 5 files (`meta.mat`), read by the published format.
+"""Numbers in MATLAB 5 files (`meta.mat`), read by the published format.
 
-scipy's reader ends the whole process on some damaged files; this one knows numeric arrays only.
+scipy's reader crashes the process on some damaged files; this reader knows numeric arrays only.
 """
 
 import math
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pipelines.errors import FormatError
 from pipelines.storage.files import read_bytes
 
-HEAD = 128  # bytes; the last two tell the byte order
+HEAD = 128  # bytes; the last two give the byte order
 ORDERS = {b"IM": "<", b"MI": ">"}
 MATRIX, COMPRESSED = 14, 15
 STORED = {
@@ -28,7 +28,7 @@ CLASSES = {
     **{11: "u2", 12: "i4", 13: "u4", 14: "i8", 15: "u8"},
 }
 COMPLEX = 8  # a bit of the flags
-MAX_BYTES = 2**24  # of a file, and of its arrays unpacked; those of a frame have some thousand
+MAX_BYTES = 2**24  # of a file, and of its arrays unpacked; a frame's file has some thousand
 Element = tuple[int, bytes]
 
 
@@ -36,7 +36,7 @@ def read_mat(path: Path) -> dict[str, NDArray[Any]]:
     """Read the numeric arrays of a MATLAB 5 file; texts, structures and cells are left out.
 
     Raises:
-        FormatError: damaged, cut off, or of another version (7.3 is HDF5, `save -v7` is this).
+        FormatError: damaged, cut off, or of another version: 7.3 is HDF5, `save -v7` writes 5.
     """
     data = read_bytes(path, MAX_BYTES)
     order = ORDERS.get(data[HEAD - 2 : HEAD])

@@ -16,14 +16,14 @@ KINDS = {"F": "f", "I": "i", "U": "u"}
 FORMS = ("ascii", "binary", "binary_compressed")
 MOST_VALUES = 1024  # of a field; histograms have some hundreds
 MAX_BYTES = 2**30  # of a cloud: MAX_PIXELS of sixty-four bytes
-LITERAL_RUNS = 32  # of LZF: a smaller control byte announces that many bytes and one, as they are
+LITERAL_RUNS = 32  # of LZF: a smaller control byte n announces n + 1 literal bytes
 LONG_COPY = 7  # this length is continued in the next byte
-INTEGERS = "copy the whole file again"
+COPY_AGAIN = "copy the whole file again"
 
 
 @dataclass(frozen=True)
 class Header:
-    """What the text at the head of a `.pcd` says."""
+    """Content of the text at the head of a `.pcd` file."""
 
     fields: tuple[tuple[str, np.dtype[Any], int], ...]  # name, type, number of values
     width: int
@@ -38,12 +38,12 @@ class Header:
 
     @property
     def point_bytes(self) -> int:
-        """The bytes of a point, but for text."""
+        """The bytes of a point, in the forms other than text."""
         return sum(count * kind.itemsize for _name, kind, count in self.fields)
 
 
 def read_pcd(path: Path) -> dict[str, NDArray[Any]]:
-    """Read the fields of one value a point: each (height, width), as stored.
+    """Read the fields with one value per point, each (height, width), as stored.
 
     Raises:
         FormatError: damaged, cut off, or none of the three forms.
@@ -98,18 +98,20 @@ def _header(path: Path, content: bytes) -> Header:
 def _text_columns(path: Path, header: Header, body: bytes) -> dict[str, NDArray[Any]]:
     lines = [line for line in body.decode("latin1").splitlines() if line.strip()]
     if len(lines) != header.count:
-        raise FormatError(path, f"has {len(lines)} points, {header.count} are announced", INTEGERS)
+        raise FormatError(
+            path, f"has {len(lines)} points, {header.count} are announced", COPY_AGAIN
+        )
     try:
         rows = np.loadtxt(lines, dtype=np.float64, ndmin=2, comments=None)
     except (ValueError, TypeError) as error:
-        raise FormatError(path, f"has a line that is no point ({error})", INTEGERS) from error
+        raise FormatError(path, f"has a line that is no point ({error})", COPY_AGAIN) from error
     ends = np.cumsum([count for _name, _kind, count in header.fields])
     if rows.shape != (header.count, ends[-1]):
         found = f"has {rows.shape[0]} points of {rows.shape[1]} values"
         raise FormatError(path, found, f"{header.count} of {ends[-1]} are announced")
     columns = {}
     for (name, kind, _count), end in zip(header.fields, ends, strict=True):
-        with np.errstate(all="ignore"):  # what does not fit is damage, and implausible later
+        with np.errstate(all="ignore"):  # values that do not fit are damage, found later
             columns[name] = rows[:, end - 1].astype(kind)
     return columns
 
@@ -122,7 +124,7 @@ def _columns(path: Path, header: Header, body: bytes) -> dict[str, NDArray[Any]]
         )
         points = np.frombuffer(body, point, header.count)
     except ValueError as error:  # a name twice, or too few bytes
-        raise FormatError(path, f"does not hold its points ({error})", INTEGERS) from error
+        raise FormatError(path, f"does not hold its points ({error})", COPY_AGAIN) from error
     return {name: points[name] for name in names}
 
 
@@ -130,7 +132,7 @@ def _columns_in_turn(path: Path, header: Header, body: bytes) -> dict[str, NDArr
     """Return the columns of compressed points: each field of all points, one after the other."""
     needed = header.count * header.point_bytes
     if len(body) < needed:
-        raise FormatError(path, f"holds {len(body)} bytes of points, not {needed}", INTEGERS)
+        raise FormatError(path, f"holds {len(body)} bytes of points, not {needed}", COPY_AGAIN)
     columns, at = {}, 0
     for name, kind, count in header.fields:
         columns[name] = np.frombuffer(body, kind, header.count * count, at)
@@ -140,22 +142,22 @@ def _columns_in_turn(path: Path, header: Header, body: bytes) -> dict[str, NDArr
 
 def _unpacked(path: Path, header: Header, body: bytes) -> bytes:
     if len(body) < 8:
-        raise FormatError(path, "this cloud is cut off", INTEGERS)
+        raise FormatError(path, "this cloud is cut off", COPY_AGAIN)
     packed, unpacked = (int(size) for size in np.frombuffer(body, "<u4", 2))
     if unpacked != header.count * header.point_bytes:
         found = f"unpacks to {unpacked} bytes, not {header.count * header.point_bytes}"
-        raise FormatError(path, found, INTEGERS)
+        raise FormatError(path, found, COPY_AGAIN)
     try:
         return decompress(body[8 : 8 + packed], unpacked)
     except SymgraspError as error:
-        raise FormatError(path, str(error), INTEGERS) from error
+        raise FormatError(path, str(error), COPY_AGAIN) from error
 
 
 def decompress(packed: bytes, size: int) -> bytes:
-    """Return the `size` bytes that `packed` holds by LZF, the compression of these clouds.
+    """Return the `size` bytes that `packed` holds in LZF, the compression of these clouds.
 
     Raises:
-        SymgraspError: it holds another number of bytes, or refers to bytes that are not there.
+        SymgraspError: `packed` holds another number of bytes, or refers to missing bytes.
     """
     out = bytearray()
     at = 0
@@ -182,7 +184,7 @@ def decompress(packed: bytes, size: int) -> bytes:
 
 
 def _copy(out: bytearray, back: int, length: int) -> None:
-    """Append `length` bytes that lie `back` bytes before the end; they may overlap the new."""
+    """Append `length` bytes from `back` bytes before the end; they may overlap the new bytes."""
     if back > len(out):
         raise IndexError(back)
     piece = out[len(out) - back : len(out) - back + length]

@@ -1,9 +1,8 @@
-"""Numbers and plain containers out of a pickle, without running anything of it.
+"""Numbers and plain containers from a pickle, without running any of its code.
 
-The unpickler knows numpy's arrays, types and scalars by name and puts classes of its own in their
-place, which check and collect; neither numpy's code nor any other sees what the pickle says. All
-other names are refused. For files that the user trusts nonetheless (D. 53): behind
-`--trust-pickle` alone.
+The unpickler knows numpy's arrays, types and scalars by name and replaces them by its own classes,
+which check and collect values; neither numpy's code nor any other receives the pickle's content.
+All other names are refused. Used only for files that the user trusts (D. 53), by `--trust-pickle`.
 """
 
 import io
@@ -22,7 +21,7 @@ from pipelines.errors import FormatError
 from pipelines.storage.files import DAMAGED, existing
 
 MAX_VALUES = 1_000_000  # Python objects in containers; arrays' numbers do not count
-MAX_BYTES = 2**28  # read of a file; what is cut off then is damaged
+MAX_BYTES = 2**28  # read from a file; a longer pickle counts as damaged
 MAX_DEPTH = 20  # of containers within containers
 NUMBERS = re.compile(r"[biuf](?:1|2|4|8)")
 NPY_MAGIC = b"\x93NUMPY"
@@ -33,7 +32,7 @@ def read_plain_pickle(path: Path) -> Any:  # noqa: ANN401 - whatever containers 
     """Read a pickle, or a `.npy` that holds one: arrays, numbers, texts, lists, dicts.
 
     Raises:
-        FormatError: it is damaged, or asks for anything but these.
+        FormatError: the pickle is damaged, or asks for anything else.
     """
     with existing(path).open("rb") as stream:
         try:
@@ -55,20 +54,20 @@ def _skip_npy_head(stream: BinaryIO) -> None:
 
 
 def _without_far_places(steps: bytes) -> bytes:
-    """Return the pickle `steps`, if it remembers nothing at a place beyond its own length.
+    """Return the pickle `steps`, unless it stores an object at a place beyond its own length.
 
-    The unpickler makes room up to the place that is named: four bytes ask for 64 GB.
+    The unpickler allocates memory up to that place: four bytes ask for 64 GB.
     """
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # of texts that escape what needs none
+        warnings.simplefilter("ignore", DeprecationWarning)  # of texts with needless escapes
         for step, place, _ in pickletools.genops(steps):
             if step.name.endswith("PUT") and int(place or 0) > len(steps):
-                raise pickle.UnpicklingError(f"it remembers something at place {place}")
+                raise pickle.UnpicklingError(f"it stores an object at place {place}")
     return steps
 
 
 class _Stand:
-    """In the place of a name that the pickle asks for: may be called, and nothing else."""
+    """Replacement of a name that the pickle asks for: it may be called, and nothing else."""
 
     __slots__ = ("_stands_for",)
 
@@ -79,11 +78,11 @@ class _Stand:
         return self._stands_for(*arguments)
 
     def __setstate__(self, _state: Any) -> None:  # noqa: ANN401 - the pickle's
-        raise pickle.UnpicklingError("it changes what it asked for")
+        raise pickle.UnpicklingError("it changes an object that it asked for")
 
 
 class _Type:
-    """In the place of numpy's dtype: numbers of 1 to 8 bytes, or the objects of a container."""
+    """Replacement of numpy's dtype: numbers of 1 to 8 bytes, or the objects of a container."""
 
     __slots__ = ("code", "order")
 
@@ -106,7 +105,7 @@ class _Type:
 
 
 class _Array:
-    """In the place of numpy's array."""
+    """Replacement of numpy's array."""
 
     __slots__ = ("value",)
 
@@ -121,7 +120,7 @@ class _Array:
 
 
 def _array(data: Any, kind: Any, shape: Any, order: str) -> Any:  # noqa: ANN401 - the pickle's
-    """Return the array, or for objects the list of them; of no dimension, the object itself."""
+    """Return the array; for objects their list, or without dimensions the object itself."""
     if not isinstance(kind, _Type) or not isinstance(shape, tuple):
         raise pickle.UnpicklingError("an array without a type and a shape")
     if not all(isinstance(size, int) and size >= 0 for size in shape):
@@ -130,7 +129,7 @@ def _array(data: Any, kind: Any, shape: Any, order: str) -> Any:  # noqa: ANN401
         if not isinstance(data, list) or len(data) != math.prod(shape):
             raise pickle.UnpicklingError("an array of objects that are not there")
         return data if shape else data[0]
-    if isinstance(data, str):  # Python 2 did not tell texts from bytes
+    if isinstance(data, str):  # Python 2 did not distinguish texts from bytes
         data = data.encode("latin1")
     if not isinstance(data, bytes | bytearray):
         raise pickle.UnpicklingError("an array without its bytes")
@@ -162,7 +161,7 @@ def _from_buffer(data: Any, kind: Any, shape: Any, order: Any) -> _Array:  # noq
 
 
 def _bytes(text: Any, encoding: Any = "latin1") -> bytes:  # noqa: ANN401 - the pickle's
-    """Python 2's way to write bytes."""
+    """Return bytes that Python 2 has written as a text."""
     if not isinstance(text, str) or encoding not in ("latin1", "latin-1"):
         raise pickle.UnpicklingError("a text in an unknown encoding")
     return text.encode("latin1")
@@ -172,7 +171,7 @@ def _no_array(*_arguments: Any) -> None:  # noqa: ANN401 - the pickle's
     raise pickle.UnpicklingError("an array made in an unknown way")
 
 
-# All names that a pickle may ask for, and what it gets. numpy has moved its own.
+# All names that a pickle may ask for, and their replacements. numpy has moved its modules.
 ALLOWED: dict[tuple[str, str], Callable[..., Any]] = {
     ("numpy", "dtype"): _type,
     ("numpy", "ndarray"): _no_array,  # named as an argument only
@@ -186,21 +185,21 @@ for _core in ("numpy.core", "numpy._core"):
 
 
 class _PlainUnpickler(pickle.Unpickler):
-    """Knows the names of ALLOWED, and no other."""
+    """Unpickler that knows the names of ALLOWED, and no others."""
 
     def find_class(self, module: str, name: str) -> Any:  # noqa: ANN401 - as pickle has it
-        """Return what stands for a name."""
+        """Return the replacement of a name."""
         if (module, name) not in ALLOWED:
             raise pickle.UnpicklingError(f"it asks for {module}.{name}")
         return _Stand(ALLOWED[module, name])
 
     def persistent_load(self, _identity: Any) -> Any:  # noqa: ANN401 - as pickle has it
-        """Refuse: a name that something outside would have to explain."""
+        """Refuse a reference to an object outside of the pickle."""
         raise pickle.UnpicklingError("it refers to things outside")
 
 
 def _plain(value: Any, left: list[int], depth: int) -> Any:  # noqa: ANN401 - any content
-    """Return containers with arrays in the place of what stood for them; circles end here."""
+    """Return containers with arrays in place of their replacements; circles are refused."""
     left[0] -= 1
     if left[0] < 0 or depth < 0:
         raise pickle.UnpicklingError("containers without end")

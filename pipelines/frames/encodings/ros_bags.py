@@ -1,10 +1,10 @@
 """Registered RGB-D frames in ROS 1 and ROS 2 bags, with the `rosbags` package (the extra `ros`).
 
 Depth is an image of 16UC1 or mono16 (millimetres, 0 = missing) or 32FC1 (metres, NaN = missing),
-as REP 118 has it; colour one of rgb8, bgr8, rgba8, bgra8; `ros_images` decodes both, and what
-image_transport compressed. The camera is the CameraInfo beside the
-depth topic, or, for depth that is aligned to colour, the one beside the colour topic. A bag may
-hold several cameras: the topics of one begin alike.
+as in REP 118; colour is rgb8, bgr8, rgba8 or bgra8; `ros_images` decodes both, also if compressed
+by image_transport. The camera is the CameraInfo next to the depth topic, or, for depth that is
+aligned to colour, next to the colour topic. A bag may hold several cameras: the topics of one
+camera begin alike.
 """
 
 from collections import Counter
@@ -34,27 +34,27 @@ from pipelines.storage.files import existing
 
 IMAGE, CAMERA = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
-# In the depth topic's name, as drivers have it; Azure Kinect's is depth_to_rgb.
+# In the names of aligned depth topics of drivers; Azure Kinect's is depth_to_rgb.
 ALIGNED = ("aligned", "registered", "depth_to_rgb", "depth_to_color")
 METADATA = "metadata.yaml"  # of a ROS 2 folder
-SQLITE_SIDES = ("-journal", "-wal", "-shm")  # files that SQLite opens beside a database
+SQLITE_SIDES = ("-journal", "-wal", "-shm")  # files that SQLite opens next to a database
 EXTRA = "install it with `pip install symgrasp[ros]`"
 
 
 class Recorded(NamedTuple):
-    """Which image of a topic; several may be of one time, as `rosbag` filters record them."""
+    """Identifier of an image in a topic; several may have one time, as from `rosbag` filters."""
 
     time: int  # nanoseconds, of the recording
     stamp: int  # nanoseconds, of the image's header
     number: int  # among the images of the topic with this time and stamp, from 0
 
 
-Stamps = list[tuple[float, Recorded]]  # seconds of the image, and which it is
+Stamps = list[tuple[float, Recorded]]  # seconds of the image, and its identifier
 
 
 @dataclass(frozen=True)
 class Topics:
-    """The topics of an RGB-D camera; `camera`: of the depth's CameraInfo, if there is one."""
+    """The topics of an RGB-D camera; `camera`: topic of the depth's CameraInfo, if any."""
 
     color: str
     depth: str
@@ -62,17 +62,17 @@ class Topics:
 
     @property
     def is_aligned(self) -> bool:
-        """Whether the depth topic says that it lies on the colour."""
+        """Whether the name of the depth topic states that depth is aligned to colour."""
         return _is_aligned(self.depth)
 
     @property
     def is_rectified(self) -> bool:
-        """Whether the depth topic says that its lens's distortion was removed."""
+        """Whether the name of the depth topic states that lens distortion was removed."""
         return "rect" in raw_topic(self.depth).rpartition("/")[2]
 
     @property
     def shared(self) -> str:
-        """What both topics begin with, part by part, `/left` of a camera of that name."""
+        """Common beginning of both topics, in whole parts, such as `/left` of a camera `left`."""
         return "/".join(self.depth.split("/")[: _shared(self.color, self.depth)])
 
     @property
@@ -86,7 +86,7 @@ def open_bag(path: Path) -> Iterator[Any]:
     """Yield rosbags' reader of a `.bag`, `.mcap` or `.db3` file or a ROS 2 folder.
 
     Raises:
-        FormatError: the bag is damaged, here or while it is read, or names files elsewhere.
+        FormatError: the bag is damaged, now or while it is read, or names files elsewhere.
         SymgraspError: `rosbags` is not installed, or a part is a pipe or a device.
     """
     try:
@@ -108,7 +108,7 @@ def open_bag(path: Path) -> Iterator[Any]:
 
 
 def _check_parts(bag: Path) -> None:
-    """Refuse a bag of which something is no plain file: opening a pipe waits without end."""
+    """Refuse a bag with a part that is no plain file: opening a pipe waits without end."""
     for part in _named_parts(bag) if bag.is_dir() else [bag]:
         for each in (part, *(part.with_name(part.name + side) for side in SQLITE_SIDES)):
             if each.exists():
@@ -116,7 +116,7 @@ def _check_parts(bag: Path) -> None:
 
 
 def _named_parts(folder: Path) -> list[Path]:
-    """Return the files that the `metadata.yaml` of a ROS 2 folder names, all of its own."""
+    """Return the files that the `metadata.yaml` of a ROS 2 folder names, all in the folder."""
     path = folder / METADATA
     stored = mapping_in(read_yaml(path), "rosbag2_bagfile_information").get("relative_file_paths")
     names = stored if isinstance(stored, list) else []
@@ -127,12 +127,12 @@ def _named_parts(folder: Path) -> list[Path]:
 
 
 def find_cameras(path: Path, reader: Any) -> tuple[list[Topics], list[str]]:  # noqa: ANN401
-    """Return the RGB-D cameras to read, and of those that are passed over a sentence each.
+    """Return the RGB-D cameras to read, and a sentence on each camera that is passed over.
 
-    All whose depth is aligned are read, or, where none is, one.
+    All cameras with aligned depth are read, or one camera if there are none.
 
     Raises:
-        FormatError: no topic of colour or of depth, as their encodings say.
+        FormatError: no topic has an encoding of colour, or none an encoding of depth.
     """
     topics = _images(reader)
     colors, depths, lossy = (
@@ -147,8 +147,8 @@ def find_cameras(path: Path, reader: Any) -> tuple[list[Topics], list[str]]:  # 
         raise FormatError(
             path,
             f"has no {'depth' if colors else 'colour'} images; its topics are {names}",
-            f"colour is read of {', '.join(COLOR_ENCODINGS)}, JPEG and PNG, "
-            f"depth of {', '.join(DEPTH_ENCODINGS)}, PNG of 16 bits and compressedDepth",
+            f"colour is read as {', '.join(COLOR_ENCODINGS)}, JPEG and PNG, "
+            f"depth as {', '.join(DEPTH_ENCODINGS)}, PNG of 16 bits and compressedDepth",
         )
     infos = {c.topic for c in reader.connections if c.msgtype == CAMERA}
     cameras = [_with_info(camera, infos) for camera in _cameras(colors, depths)]
@@ -157,7 +157,7 @@ def find_cameras(path: Path, reader: Any) -> tuple[list[Topics], list[str]]:  # 
 
 
 def _images(reader: Any) -> dict[str, str]:  # noqa: ANN401 - an extra's
-    """Return what each topic of images shows, see `shown_by`; of one image its raw topic only."""
+    """Return the kind of each image topic, see `shown_by`; one topic for raw and compressed."""
     kinds: dict[str, tuple[str, str]] = {}
     connections = [c for c in reader.connections if c.msgtype in (IMAGE, COMPRESSED)]
     for topic in sorted({c.topic for c in connections}):
@@ -171,13 +171,13 @@ def _images(reader: Any) -> dict[str, str]:  # noqa: ANN401 - an extra's
 def _passed_over(
     colors: list[str], depths: list[str], cameras: list[Topics], read: list[Topics]
 ) -> list[str]:
-    """Return a sentence for each depth topic that may be a camera's and is not read."""
+    """Return a sentence for each depth topic that may belong to a camera and is not read."""
     others = [camera.depth for camera in cameras if camera not in read]
     sentences = [f"{depth} is passed over: it is not called aligned" for depth in others]
     if set(colors) != {camera.color for camera in read}:
         known = {camera.depth for camera in cameras}
         sentences += [
-            f"{depth} is passed over: by the topics' names it is of no other camera"
+            f"{depth} is passed over: by the topics' names it belongs to no other camera"
             for depth in depths
             if _is_aligned(depth) and depth not in known
         ]
@@ -185,10 +185,10 @@ def _passed_over(
 
 
 def _cameras(colors: list[str], depths: list[str]) -> list[Topics]:
-    """Return one camera for each beginning and each colour topic, aligned ones first.
+    """Return one camera for each common beginning and colour topic, aligned cameras first.
 
-    A camera has several topics of depth (aligned to this and that, rectified): the first by name
-    is taken. A depth whose own colour was not recorded has a colour that is nearer to another's.
+    A camera has several depth topics (aligned to different images, rectified): the first by name
+    is taken. Depth without a recorded colour pairs with another camera's colour, already taken.
     """
     pairs = [
         Topics(max(colors, key=lambda color: (_shared(color, depth), color)), depth)
@@ -213,7 +213,7 @@ def _with_info(camera: Topics, infos: set[str]) -> Topics:
 
 
 def read_stamps(reader: Any, topic: str) -> Stamps:  # noqa: ANN401 - an extra's
-    """Return when each image of `topic` was taken, and which it is."""
+    """Return the time and the identifier of each image of `topic`."""
     stamps: Stamps = []
     times: Counter[tuple[int, int]] = Counter()
     for time, image in _messages(reader, topic):
@@ -235,9 +235,9 @@ def read_image_at(path: Path, reader: Any, topic: str, which: Recorded) -> NDArr
 
 
 def read_camera(path: Path, reader: Any, topics: Topics) -> CameraFile | None:  # noqa: ANN401
-    """Return the camera of the CameraInfo, which is the same in all its messages; None without.
+    """Return the camera of the CameraInfo, with equal messages throughout; None without a topic.
 
-    Of rectified images it is the projection matrix, and nothing is left of the lens.
+    For rectified images the camera is the projection matrix, without lens distortion.
     """
     if topics.camera is None:
         return None
@@ -257,7 +257,7 @@ def read_camera(path: Path, reader: Any, topics: Topics) -> CameraFile | None:  
 
 
 def _messages(reader: Any, topic: str, recorded: int | None = None) -> Iterator[tuple[int, Any]]:  # noqa: ANN401
-    """Yield the messages of `topic` with their time; only those of one nanosecond, if given."""
+    """Yield the messages of `topic` with their time, only at the nanosecond `recorded` if given."""
     connections = [each for each in reader.connections if each.topic == topic]
     stop = None if recorded is None else recorded + 1
     for connection, time, raw in reader.messages(connections, start=recorded, stop=stop):
@@ -272,7 +272,7 @@ def _nanoseconds(image: Any) -> int:  # noqa: ANN401 - an extra's
 
 
 def _infos(topic: str) -> list[str]:
-    """Return where a driver puts the CameraInfo of an image topic."""
+    """Return the topics in which drivers publish the CameraInfo of an image topic."""
     parts = raw_topic(topic).split("/")
     return ["/".join([*parts[:end], name]) for end, name in _PLACES if len(parts) > abs(end)]
 
@@ -281,6 +281,6 @@ _PLACES = ((-1, "camera_info"), (-2, "camera_info"), (-2, "info/camera_info"))
 
 
 def _shared(topic: str, other: str) -> int:
-    """Return how many parts two topics begin with alike: those of one camera do."""
+    """Return the number of equal leading parts of two topics, as topics of one camera have."""
     pairs = list(zip(topic.split("/"), other.split("/"), strict=False))
     return next((i for i, (one, two) in enumerate(pairs) if one != two), len(pairs))

@@ -1,7 +1,7 @@
-"""Images of ROS messages: raw ones, and those that image_transport's plugins compressed.
+"""Images of ROS messages: raw, or compressed by the plugins of image_transport.
 
 `compressed` holds a JPEG or PNG file. `compressedDepth` holds twelve bytes, then a PNG of 16 bits:
-16UC1 as it is; of 32FC1 the inverse of the depth, by the two parameters in the twelve bytes.
+for 16UC1 the depth; for 32FC1 the inverse depth, scaled by two parameters in the twelve bytes.
 """
 
 import struct
@@ -18,13 +18,13 @@ DEPTH_ENCODINGS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
 COLOR_ENCODINGS = {"rgb8": (0, 1, 2), "bgr8": (2, 1, 0), "rgba8": (0, 1, 2), "bgra8": (2, 1, 0)}
 CHANNELS = {"rgb8": 3, "bgr8": 3, "rgba8": 4, "bgra8": 4}
 GREYS = ("mono8", "8UC1")
-PLUGINS = ("compressed", "compressedDepth")  # what they put behind the name of the raw topic
+PLUGINS = ("compressed", "compressedDepth")  # last part of a topic's name, after the raw topic
 COLOR_WORDS = ("color", "rgb", "image_raw_color")
 PARAMETERS = struct.Struct("<iff")  # format, and A and B of value = A / depth + B
 
 
 def raw_topic(topic: str) -> str:
-    """Return the topic of the raw images that `topic` has, compressed or not."""
+    """Return the topic of the raw images of `topic`, which may be a compressed topic."""
     head, _, tail = topic.rpartition("/")
     return head if tail in PLUGINS else topic
 
@@ -50,7 +50,7 @@ def decode(path: Path, image: Any) -> NDArray[Any]:  # noqa: ANN401 - an extra's
     """Return the pixels of a message: (H, W) depth as stored, (H, W, 3) RGB.
 
     Raises:
-        FormatError: an unknown encoding, or damaged.
+        FormatError: the encoding is unknown, or the image is damaged.
     """
     encoding, stated, packed = _formats(image)
     if not packed:
@@ -73,7 +73,7 @@ def decode(path: Path, image: Any) -> NDArray[Any]:  # noqa: ANN401 - an extra's
 
 
 def _formats(image: Any) -> tuple[str, str, str]:  # noqa: ANN401 - an extra's
-    """Return the encoding of the raw image, the whole format, and how it is compressed, if so."""
+    """Return the encoding of the raw image, the whole format, and the compression, "" if none."""
     stated = getattr(image, "format", None)
     if stated is None:
         return str(image.encoding), str(image.encoding), ""
@@ -82,8 +82,8 @@ def _formats(image: Any) -> tuple[str, str, str]:  # noqa: ANN401 - an extra's
 
 
 def _shows_depth(topic: str) -> bool:
-    """Return whether the last part of `topic` that says it says depth: `aligned_depth_to_color`."""
-    for part in reversed(raw_topic(topic).lower().split("/")):
+    """Return whether the last part of `topic` that names depth or colour names depth first."""
+    for part in reversed(raw_topic(topic).lower().split("/")):  # as in aligned_depth_to_color
         at = {word: part.find(word) for word in ("depth", *COLOR_WORDS) if word in part}
         if at:
             return min(at, key=lambda word: at[word]) == "depth"
@@ -91,7 +91,7 @@ def _shows_depth(topic: str) -> bool:
 
 
 def _raw(path: Path, image: Any, encoding: str) -> NDArray[Any]:  # noqa: ANN401 - an extra's
-    """Return the pixels of an Image message; rows may be padded, numbers of either byte order."""
+    """Return the pixels of an Image message, of either byte order; rows may be padded."""
     height, width, step = int(image.height), int(image.width), int(image.step)
     if encoding not in DEPTH_ENCODINGS and encoding not in COLOR_ENCODINGS:
         raise FormatError(

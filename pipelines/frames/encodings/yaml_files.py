@@ -1,8 +1,7 @@
-"""The small YAML files that hold cameras: ROS, camera_calibration, OpenCV, and those typed by hand.
+"""Small YAML files that hold cameras: of ROS, camera_calibration, OpenCV, or typed by hand.
 
-Read by PyYAML's plainest loader, which makes texts, lists and dictionaries and nothing else. What
-looks like numbers becomes numbers here, since YAML 1.1 takes 0600 for 384, 1e3 for a text and
-1:30 for 90.
+PyYAML's plainest loader makes only texts, lists and dictionaries. Texts that look like numbers are
+converted here, since YAML 1.1 takes 0600 for 384, 1e3 for a text and 1:30 for 90.
 """
 
 import re
@@ -30,9 +29,9 @@ LENIENT = (
 
 
 class _PlainLoader(yaml.BaseLoader):
-    """Texts, lists and dictionaries of bounded depth, whatever their tags; no aliases.
+    """Loader of texts, lists and dictionaries of bounded depth, without tags and aliases.
 
-    Of a key that a mapping has twice, the first value counts.
+    If a mapping has a key twice, the first value counts.
     """
 
     depth = 0
@@ -53,13 +52,13 @@ class _PlainLoader(yaml.BaseLoader):
 
 
 def read_yaml(path: Path) -> dict[str, Value]:
-    """Return the top-level values of a YAML file; of several documents the first that has each.
+    """Return the top-level values of a YAML file; of several documents, each key's first value.
 
-    A document that adds no key is the last to be read, so that a long recording of one camera
-    costs no more than its first message; damage below the first document is passed over.
+    A document that adds no key is the last that is read, so that a long recording of one camera
+    costs no more than its first message; damage after the first document is ignored.
 
     Raises:
-        FormatError: damaged, too large, too deep, or with aliases.
+        FormatError: the file is damaged, too large, too deep, or has aliases.
     """
     content: dict[str, Value] = {}
     for document in _documents(path):
@@ -85,7 +84,7 @@ def _documents(path: Path) -> Iterator[dict[str, Value]]:
 
 
 def _text(path: Path) -> str:
-    """Return whole documents of the file, at most `MAX_YAML_BYTES`, as PyYAML takes them."""
+    """Return whole documents of the file, at most `MAX_YAML_BYTES`, in PyYAML's form."""
     with existing(path).open("rb") as stream:
         data = stream.read(MAX_YAML_BYTES + 1)
     if len(data) > MAX_YAML_BYTES:
@@ -100,7 +99,7 @@ def _text(path: Path) -> str:
 
 
 def _value(stored: object) -> Value:
-    """Return numbers for texts that are numbers, a list of them where there are several."""
+    """Return `stored` with numbers for texts that are numbers, a list for several numbers."""
     match stored:
         case dict():
             return {key: _value(each) for key, each in stored.items()}

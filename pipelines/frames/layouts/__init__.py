@@ -1,5 +1,5 @@
-"""The layouts in which people have RGB-D frames: a file a family, the order in `registry`.
+"""Layouts of RGB-D frames on disk: a file per family, the order in `registry`.
 
-A layout looks at one folder and lists the frames in it, or none if the folder is not of its kind.
-To find is cheap: names, headers and index files are looked at, images are not read.
+A layout lists the frames of one folder, or none if the folder has another layout. The search is
+cheap: it reads names, headers and index files, but no images.
 """

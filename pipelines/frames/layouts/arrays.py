@@ -1,12 +1,12 @@
-"""Contact-GraspNet's and 6-DOF GraspNet's frames: named arrays in one `.npz` a frame.
+"""Contact-GraspNet's and 6-DOF GraspNet's frames: named arrays in one `.npz` per frame.
 
     depth              (H, W) float metres; whole numbers are millimetres
     K                  (3, 3); also `intrinsics_matrix`, `intrinsic_matrix`, `cam_K`
-    rgb                (H, W, 3) uint8 in the order **BGR**, as Contact-GraspNet has it; optional
-    image              (H, W, 3) uint8 RGB, as 6-DOF GraspNet has it
+    rgb                (H, W, 3) uint8 in the order **BGR**, as in Contact-GraspNet; optional
+    image              (H, W, 3) uint8 RGB, as in 6-DOF GraspNet
 
 Their `.npy` files (and `.pkl`) are pickled dictionaries, which can run any code: they are refused,
-and the sentence says how to convert them.
+with a sentence on how to convert them.
 """
 
 import functools
@@ -31,14 +31,14 @@ PICKLED_NAME = "Contact-GraspNet / 6-DOF GraspNet pickles"
 CAMERA_KEYS = ("K", "intrinsics_matrix", "intrinsic_matrix", "cam_K")
 CLOUD_KEYS = ("xyz", "xyz_color")
 GREY = 128
-HEADER_BYTES = 256  # of a .npy; its type stands in the first hundred
+HEADER_BYTES = 256  # of a .npy; its type is in the first hundred
 PICKLES = (".npy", ".pkl", ".pickle")
 
 
 def _find(folder: Path, options: FrameOptions) -> list[FoundFrame]:
     """List the `.npz` files of `folder` that hold a frame.
 
-    With them, so that they are named, the damaged ones, and pickles that have no such twin.
+    Damaged files, and pickles without a `.npz` of the same name, are listed to be reported.
     """
     files = sorted(path for path in folder.glob("[!.]*.npz") if path.is_file())
     names = {path: _arrays_in(path) for path in files}
@@ -52,9 +52,9 @@ def _find(folder: Path, options: FrameOptions) -> list[FoundFrame]:
 
 
 def find_pickled(folder: Path, options: FrameOptions) -> list[FoundFrame]:
-    """List the files of `folder` that hold a pickle; to read one raises, unless it is trusted.
+    """List the files of `folder` that hold a pickle; reading one raises unless it is trusted.
 
-    Damaged `.npz` files are listed too: no other layout names them.
+    Damaged `.npz` files are listed too: no other layout reports them.
     """
     damaged = [path for path in sorted(folder.glob("[!.]*.npz")) if _arrays_in(path) is None]
     return [_found(path, options) for path in (*damaged, *_pickles(folder, options))]
@@ -82,10 +82,10 @@ def is_pickled(path: Path) -> bool:
 
 
 def frame_of_arrays(path: Path, arrays: dict[str, NDArray[Any]], options: FrameOptions) -> Frame:
-    """Return the frame that the named arrays of `path` make.
+    """Return the frame of the named arrays in `path`.
 
     Raises:
-        FormatError: no depth, no camera, or arrays that are none of the two.
+        FormatError: no depth, no camera, or arrays of a wrong shape or type.
     """
     if "depth" not in arrays:
         kind = "a point cloud" if set(CLOUD_KEYS) & set(arrays) else f"{sorted(arrays)}"
@@ -123,7 +123,7 @@ def _read_pickled(path: Path, options: FrameOptions) -> Frame:
 
 
 def _arrays_in(path: Path) -> set[str] | None:
-    """Return the names in an `.npz`, of which only the list is read; None if it is damaged."""
+    """Return the names of the arrays in an `.npz`, without reading these; None if damaged."""
     try:
         with zipfile.ZipFile(existing(path)) as archive:
             return {name.removesuffix(".npy") for name in archive.namelist()}

@@ -1,7 +1,7 @@
-"""BOP scenes: a camera an image in `scene_camera.json`; several sensors by a suffix of all names.
+"""BOP scenes: a camera per image in `scene_camera.json`; several sensors by a suffix of all names.
 
-`rgb_photoneo/`, `depth_photoneo/` and `scene_camera_photoneo.json` are one sensor's, as BOP's
-industrial data sets have them; its frames lie below the sensor's name.
+`rgb_photoneo/`, `depth_photoneo/` and `scene_camera_photoneo.json` belong to one sensor, as in
+BOP's industrial data sets; the names of its frames begin with the sensor's name.
 """
 
 import functools

@@ -14,33 +14,33 @@ from pipelines.storage.files import real_path
 class FoundFrame:
     """A frame that a layout finds in a folder."""
 
-    stem: str  # its name within the folder, with forward slashes; empty for a folder's only one
+    stem: str  # name within the folder, with forward slashes; empty for a folder's only frame
     # Reads the frame, which has no name yet; raises a SymgraspError if it is faulty.
     read: Callable[[], Frame]
     files: tuple[Path | None, ...]  # the frame's existing files, colour first; None is left out
-    layout: str = ""  # name of the layout, where it is not the one that finds the frame
+    layout: str = ""  # name of the layout, if it is not the layout that finds the frame
 
 
 @dataclass(frozen=True)
 class Layout:
-    """One way to lay RGB-D frames on disk."""
+    """One way to store RGB-D frames on disk."""
 
-    name: str  # as `symgrasp inspect` and formats.md say it
-    # Called with a folder and what the user stated; gives the folder's frames, none if it is not of
-    # this layout. It may raise a SymgraspError where the folder is of this layout but damaged.
+    name: str  # as in `symgrasp inspect` and formats.md
+    # Called with a folder and the user's options; returns the folder's frames, none if the folder
+    # has another layout. It may raise a SymgraspError if a folder of this layout is damaged.
     find: Callable[[Path, FrameOptions], Iterable[FoundFrame]]
 
 
 def refuse(error: SymgraspError) -> Frame:
-    """Raise what is wrong with a frame, when it is read."""
+    """Raise the fault of a frame, when the frame is read."""
     raise error
 
 
 def frame_name(folder: Path, prefix: str, stem: str) -> str:
-    """Return the name of a frame below the folder given; `stem` is empty for a folder's only one.
+    """Return the name of a frame below the given folder; `stem` is empty for its only frame.
 
     Index files may name files anywhere; a frame's name never leaves the folder of results, and
-    every file can hold it as text.
+    every file format can hold the name as text.
     """
     parts = [part for part in (*prefix.split("/"), *stem.split("/")) if part not in ("", ".", "..")]
     return printable("/".join(parts) or real_path(folder).name)

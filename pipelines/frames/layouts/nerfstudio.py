@@ -1,4 +1,4 @@
-"""nerfstudio: `transforms.json` names a colour and a depth image a frame; depth in millimetres."""
+"""nerfstudio: `transforms.json` names the colour and depth image of each frame; millimetres."""
 
 import functools
 from collections import Counter

@@ -1,4 +1,4 @@
-"""Layouts of a colour and a depth image a frame, told apart by the camera file beside them."""
+"""Layouts of a colour and a depth image per frame, distinguished by their camera files."""
 
 import functools
 from collections.abc import Callable, Iterator
@@ -22,13 +22,13 @@ LONGEST_LOOK = 100_000  # bytes of a camera file that are searched for its key
 
 @dataclass(frozen=True)
 class Pairing:
-    """A layout of pairs: how it is recognised, and where its cameras are."""
+    """A layout of pairs of images: files that identify it, and names of its camera files."""
 
-    name: str  # as that of a `Layout`
-    # Patterns of files below the folder; one that exists makes it this layout.
+    name: str  # as in `Layout`
+    # Patterns of files below a folder; one existing file identifies this layout.
     markers: tuple[str, ...]
     pairs: Callable[[Path], list[ImagePair]]  # lists the folder's pairs of images
-    # Names of the frame's camera file, the first that exists; `{stem}` is the pair's.
+    # Names of a frame's camera file, of which the first existing counts; `{stem}` is the pair's.
     cameras: tuple[str, ...] = ()
     key: str = ""  # text that the marker must hold, as files of one name have several forms
 
@@ -38,7 +38,7 @@ class Pairing:
         return any(not self.key or _holds(path, self.key) for path in found)
 
     def camera_file(self, folder: Path, pair: ImagePair, shared: Path | None) -> Path | None:
-        """Return the camera file of a pair: the layout's, else its own, else the folder's."""
+        """Return the camera file of a pair: the layout's, else the pair's, else the folder's."""
         usual = (folder / name.format(stem=pair.stem) for name in self.cameras)
         found = next((path for path in usual if path.is_file()), None)
         # image_color.png is a frame without a name, whose camera is image_camera.json.
@@ -48,7 +48,7 @@ class Pairing:
         return found or shared
 
     def find(self, folder: Path, options: FrameOptions) -> Iterator[FoundFrame]:
-        """Yield the frames of `folder`, none if it is not of this layout."""
+        """Yield the frames of `folder`, none if the folder has another layout."""
         if not self.is_in(folder):
             return
         shared = shared_camera_file(folder)
@@ -66,7 +66,7 @@ def _holds(path: Path, key: str) -> bool:
 
 
 def read_paired(pair: ImagePair, camera: Path | None, options: FrameOptions) -> Frame:
-    """Read a pair; raises a FormatError if one of the two is missing, or could be several files."""
+    """Read a pair; raises a FormatError if an image is missing, or could be several files."""
     if pair.rivals:
         raise FormatError(
             str(pair.rivals[0]),
@@ -78,7 +78,7 @@ def read_paired(pair: ImagePair, camera: Path | None, options: FrameOptions) -> 
         missing = "depth" if pair.depth is None else "colour"
         raise FormatError(
             str(present),
-            f"has no {missing} image beside it",
+            f"has no {missing} image next to it",
             "both have one name, as x_color.png and x_depth.png, or rgb/x.png and depth/x.png",
         )
     return read_with_camera(pair.color, pair.depth, camera, options)

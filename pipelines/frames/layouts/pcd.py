@@ -1,4 +1,4 @@
-"""Organised point clouds, `.pcd`: a point a pixel, row by row, metres in the camera frame.
+"""Organised point clouds, `.pcd`: a point per pixel, row by row, metres in the camera frame.
 
 The file has no intrinsics; they follow from the points, by least squares, to the last digit.
 """
@@ -34,13 +34,14 @@ def fit_camera(path: Path, points: Array) -> CameraFile:
     """Return the pinhole camera that sees `points` (H, W, 3), metres, each in its own pixel.
 
     Raises:
-        FormatError: no camera does: the cloud was cropped, turned, or is not organised.
+        FormatError: no such camera exists: the cloud was cropped, turned, or is not organised.
     """
     height, width = points.shape[:2]
     seen = np.isfinite(points).all(2) & (points[:, :, 2] > 0)
     rows, columns = np.nonzero(seen)
     if len(rows) < FEWEST_POINTS:
-        raise FormatError(path, f"{len(rows)} points lie before the camera", "measure again")
+        found = f"{len(rows)} points are in front of the camera"
+        raise FormatError(path, found, f"at least {FEWEST_POINTS} are needed; measure again")
     x, y, z = points[seen].T
     lengths, misfits = [], []
     for pixels, slopes in ((columns, x / z), (rows, y / z)):

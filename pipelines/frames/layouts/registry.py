@@ -1,4 +1,4 @@
-"""All layouts of RGB-D frames, most specific first: the first that finds frames has the folder."""
+"""All layouts of RGB-D frames, most specific first: the first layout that finds frames counts."""
 
 import functools
 from collections.abc import Callable
@@ -29,16 +29,16 @@ LAYOUTS: tuple[Layout | Pairing, ...] = (
     paired.FLAT,
     paired.SISTERS,
     pcd.LAYOUT,
-    rosbag.LAYOUT,  # last: images that were taken out of a bag often lie beside it
+    rosbag.LAYOUT,  # last: images extracted from a bag are often next to it
 )
-# Asked of folders that hold no frame, nor do those below: a stray pickle must not hide any.
+# Used if neither a folder nor those below it hold frames: a stray pickle must not hide frames.
 LAST_RESORT = arrays.PICKLED
 
 
 def frames_in(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
-    """List the frames that lie directly in `folder`, empty if there are none.
+    """List the frames directly in `folder`, empty if there are none.
 
-    A folder whose index is damaged gives one source, which raises what is wrong with it.
+    A folder with a damaged index gives one source, which raises the fault.
     """
     for layout in LAYOUTS:
         if found := _found(layout, folder, prefix, options):
@@ -47,7 +47,7 @@ def frames_in(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSou
 
 
 def pickled_in(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
-    """List the pickles in `folder`; to read one raises, unless pickles are trusted."""
+    """List the pickles in `folder`; reading one raises unless pickles are trusted."""
     return _found(LAST_RESORT, folder, prefix, options)
 
 
@@ -62,7 +62,7 @@ def _found(
     for each in found:
         name = frame_name(folder, prefix, each.stem)
         files = tuple(path for path in each.files if path is not None)
-        # Hidden files, as other systems leave beside each of their own, are passed over.
+        # Hidden files, which other systems leave next to their files, are skipped.
         if not any(path.name.startswith(".") for path in files):
             read = functools.partial(_named, name, each.read)
             sources.append(FrameSource(name, read, files, each.layout or layout.name))

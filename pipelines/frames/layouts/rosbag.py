@@ -25,14 +25,14 @@ from pipelines.frames.rgbd import Frame, make_frame
 from pipelines.frames.rgbd_folder import FrameOptions
 
 ROS_2_FILES = ("*.db3", "*.mcap")
-# What files begin with; a `.db3` may be anybody's. A `.bag` that does not is damaged.
+# First bytes; other `.db3` files are databases of other programs. Every `.bag` counts as a bag.
 MAGIC = {"*.bag": b"", "*.db3": b"SQLite format 3\0", "*.mcap": b"\x89MCAP"}
 
 
 def _find(folder: Path, options: FrameOptions) -> Iterator[FoundFrame]:
     """Yield the frames of the bags in `folder`, named after the time of their colour image.
 
-    Of several cameras in one bag each has its own folder in the names.
+    If a bag has several cameras, the names have a folder for each camera.
     """
     metadata = folder / "metadata.yaml"
     parts = sorted(file for pattern in ROS_2_FILES for file in folder.glob(pattern))
@@ -73,9 +73,9 @@ def _frames(bag: Path, files: tuple[Path, ...], options: FrameOptions) -> list[F
 
 
 def frame_stems(images: list[Recorded]) -> list[str]:
-    """Return a name for each image: the time of its recording, where it has that for its own.
+    """Return a name for each image: the time of its recording, if no other image has that time.
 
-    Else the time in its header; where several have that too, both and its place among them.
+    Else the time in its header; if other images have that time too, both times and its number.
     """
     times, stamps = (Counter(image[at] for image in images) for at in (0, 1))
     stems = []
@@ -103,7 +103,7 @@ def _read(
         )
         camera = options.camera or read_camera(bag, reader, topics)
     if camera is None:
-        found = f"has no CameraInfo beside {topics.depth}"
+        found = f"has no CameraInfo next to {topics.depth}"
         raise FormatError(bag, found, where_a_camera_may_be(bag))
     if not topics.is_aligned:
         notes = (f"{topics.depth} is not called aligned: record aligned_depth_to_color", *notes)

@@ -1,7 +1,7 @@
-"""ScanNet's export: colour and depth look along the same rays, each with a camera of its own.
+"""ScanNet's export: colour and depth from one viewpoint, each with its own camera.
 
-Colour is larger than depth by no whole number (1296x968 beside 640x480), so it is looked up along
-the ray of each depth pixel.
+The ratio of their sizes is no whole number (1296x968 to 640x480), so colour is sampled along the
+ray of each depth pixel.
 """
 
 import functools
@@ -34,7 +34,7 @@ def _find(folder: Path, options: FrameOptions) -> Iterator[FoundFrame]:
 
 
 def seen_by(color: NDArray[np.uint8], camera: CameraFile, other: Intrinsics) -> NDArray[np.uint8]:
-    """Return what `color` (H, W, 3) of `camera` shows along the rays of `other`, black outside."""
+    """Return `color` (H, W, 3) of `camera`, sampled along the rays of `other`, black outside."""
     x, y, _one = np.moveaxis(other.rays(), 2, 0)
     u = (camera.fx * x + camera.cx).astype(np.float32)
     v = (camera.fy * y + camera.cy).astype(np.float32)
@@ -48,7 +48,7 @@ def _read(pair: ImagePair, cameras: tuple[Path, Path], options: FrameOptions) ->
     camera = options.camera or read_camera_file(cameras[0])
     notes: tuple[str, ...] = ()
     if depth.ndim == 2 and color.shape[:2] != depth.shape:
-        notes = (f"colour of {color.shape[1]}x{color.shape[0]} is looked up through both cameras",)
+        notes = (f"colour of {color.shape[1]}x{color.shape[0]} is sampled through both cameras",)
         color = seen_by(color, read_camera_file(cameras[1]), camera.at(*depth.shape[::-1]))
     images = (pair.color, lambda: color), (pair.depth, depth)
     return make_frame(*images, camera, options.depth_units(), notes)

@@ -1,4 +1,4 @@
-"""TUM RGB-D: colour and depth images of two clocks, associated by time; metres = value / 5000."""
+"""TUM RGB-D: colour and depth images of other times, paired by time; metres = value / 5000."""
 
 import functools
 import re
@@ -79,7 +79,7 @@ def _listed(folder: Path, index: Path) -> Stamped:
 
 
 def _associated(folder: Path, index: Path) -> list[tuple[Path, Path]]:
-    """Read `time path time path`; which of the two is the depth, its folder says."""
+    """Read `time path time path`; the path in `depth/` is the depth image."""
     pairs = []
     for _t0, one, _t1, other in _lines(index, 4):
         color, depth = (other, one) if one.startswith("depth/") else (one, other)
@@ -106,7 +106,7 @@ def _time(index: Path, text: str) -> float:
 
 
 def _published(folder: Path) -> CameraFile | None:
-    # The nearest folder's name counts: sequences of one camera may lie below another's.
+    # The nearest folder's name counts: the folder of one camera may be below that of another.
     names = re.findall(r"freiburg[123]", str(real_path(folder)))
     if not names:
         return None

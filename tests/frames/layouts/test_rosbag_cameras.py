@@ -76,7 +76,7 @@ def test_a_camera_without_frames_fails_beside_one_that_has_some(tmp_path: Path) 
     write_bag(tmp_path / "a", topics=below("left"), more=(right,))
     left, right_one = find_frames(tmp_path)[:: build.COUNT]
     left.read()
-    with pytest.raises(FormatError, match="has no CameraInfo beside /right/"):
+    with pytest.raises(FormatError, match="has no CameraInfo next to /right/"):
         right_one.read()
 
 

@@ -120,7 +120,7 @@ def paired_frames(runs: Sequence[EvaluatedRun]) -> list[str]:
     first, *others = runs
     if not set.intersection(*(run.metrics for run in runs)):
         raise SymgraspError(
-            "the runs have different protocols or simulated frictions, and so no figure in common; "
+            "the runs have different protocols or different frictions, so no figure is common; "
             "compare runs of one kind"
         )
     for other in others:

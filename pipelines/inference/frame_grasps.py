@@ -82,7 +82,7 @@ class Planner:
             return
         needs_critics = selection.symmetry.is_fitted and self.symmetry_peer is None
         if needs_critics and self.symmetry_critics is None:
-            raise SymgraspError("fitted symmetries need their critics, or symmetry.is_fitted=no")
+            raise SymgraspError("fitted symmetries need critics, or symmetry.is_fitted=no")
         if selection.ranking.uses_critic and self.grasp_critic is None:
             raise SymgraspError("ranked grasps need a grasp critic, or ranking.by=eq8")
 

@@ -45,8 +45,8 @@ def draw_missing(
     ]
     # No threads: after an error in one thread, another thread within OpenCV would block the exit.
     workers = 1 if options.backend == "threading" else max(1, options.workers)
-    beside = replace(options, overwrite=True, workers=workers)
-    failed = run_batch(f"{STAGE}: pictures", todo, _draw, beside).failed
+    drawing = replace(options, overwrite=True, workers=workers)
+    failed = run_batch(f"{STAGE}: pictures", todo, _draw, drawing).failed
     return {name: f"has grasps but no picture: {why}" for name, why in failed.items()}
 
 

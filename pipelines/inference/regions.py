@@ -85,7 +85,7 @@ def _standing(
     segments: GeometricRegions,
     config: InferConfig,
 ) -> list[Region]:
-    """Return the detections, disjoint, without those of table and background."""
+    """Return the detections as disjoint regions, without detections of table and background."""
     free = np.ones(measured.shape, bool)
     standing = measured & segments.foreground
     # The network's masks are coarse; the foreground is known to the pixel.

@@ -70,7 +70,7 @@ def coco_average_precision(confidence: ArrayLike, correct: ArrayLike, num_truth:
     return np.asarray(curves.eval["precision"][:, :, 0, 0, 0].mean(axis=1))
 
 
-def _image(masks: Sequence[Mask], confidence: Sequence[float]) -> Any:  # noqa: ANN401 - a COCO, whose type says too little
+def _image(masks: Sequence[Mask], confidence: Sequence[float]) -> Any:  # noqa: ANN401 - a COCO object without a useful type
     """Return the masks of one image as a COCO data set; ids count from 1."""
     height, width = masks[0].shape
     entries: list[dict[str, Any]] = []

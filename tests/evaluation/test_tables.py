@@ -73,7 +73,7 @@ def test_unseen_is_the_mean_over_the_objects_of_both_splits():
 
 
 def test_splits_without_frames_have_no_row():
-    assert {row[1] for row in table_of(TABLES, "What became").rows} == {"seen", "all"}
+    assert {row[1] for row in table_of(TABLES, "Outcomes of the objects").rows} == {"seen", "all"}
 
 
 def test_success_not_simulated_says_how_to():

@@ -43,7 +43,7 @@ class FrameGrasps:
         min_score: float = 0.0,
         frame: PoseFrame | None = None,
     ) -> "FrameGrasps":
-        """Return the exported grasps of a frame: those that `gripper` opens wide enough for.
+        """Return the exported grasps of a frame: all that `gripper` opens wide enough for.
 
         `first_row`: of the frame's grasps in /grasps. `frame`: of the poses; None for the camera
         frame.

@@ -157,8 +157,8 @@ def score_rows(rows: Array, scene: PeerScene | ExactScene) -> ScoredRows:
 
 def _nearest(points: Array, clouds: Sequence[Array]) -> Indices:
     """Return (n,) the index of the cloud that holds the point nearest to each of `points`."""
-    whose = np.repeat(np.arange(len(clouds)), [len(cloud) for cloud in clouds])
-    return np.asarray(whose[cKDTree(np.concatenate(clouds)).query(points)[1]])
+    cloud_of_point = np.repeat(np.arange(len(clouds)), [len(cloud) for cloud in clouds])
+    return np.asarray(cloud_of_point[cKDTree(np.concatenate(clouds)).query(points)[1]])
 
 
 def _within(points: Array, low: Array, high: Array) -> Array:

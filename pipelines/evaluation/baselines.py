@@ -1,9 +1,9 @@
-"""Baselines on the regions of `infer`: the true symmetries, the boundary, chance.
+"""Baselines on the regions of `infer`: true symmetries, planar grasps, random grasps.
 
-All plan from the observation that `infer` plans from, with the same selection of grasps. The oracle
-takes the true symmetries and the true affordance of the object that a region lies on: its figures
-are those of the method with a perfect network. Planar grasps ranked by the grasp critic are the
-control of what symmetry brings: they differ from ours in the candidates alone.
+All baselines plan from the same observation as `infer`, with the same selection of grasps. The
+oracle takes the true symmetries and the true affordance of a region's object: its figures are the
+method's with a perfect network. Planar grasps ranked by the grasp critic are the control for the
+benefit of symmetry: they differ from ours in the candidates alone.
 """
 
 from collections.abc import Mapping
@@ -34,14 +34,14 @@ from pipelines.grasping.symmetries.completion import completions
 from pipelines.inference import models
 from pipelines.inference.observation import observe
 
-NUM_POINTS = 1500  # of a region that carry affordance, as the network has
+NUM_POINTS = 1500  # points of a region with affordance, as many as the network's
 
 
 @dataclass(frozen=True)
 class Baselines:
     """The baselines, with the gripper and the settings of `infer`.
 
-    `critic` ranks the oracle's grasps, as `infer` ranks its own; None for Eq. 8.
+    `critic` ranks the grasps of oracle and planar-critic, as in `infer`; None for Eq. 8.
     """
 
     reader: TruthReader
@@ -51,7 +51,7 @@ class Baselines:
 
     @classmethod
     def of(cls, reader: TruthReader, gripper: Gripper) -> "Baselines":
-        """Return the baselines of `infer` as it is by default."""
+        """Return the baselines for the default settings of `infer`."""
         return cls(reader, gripper, InferConfig(), models.grasp_critic())
 
     def rows(
@@ -75,7 +75,7 @@ class Baselines:
         oracle = [ranked.plan(model, seen.scene) for model in models]
 
         def alone(kind: Pass, planner: RegionPlanner) -> RowPredictions:
-            """Return the grasps of one kind on the measured points alone."""
+            """Return the grasps of one kind, found on the measured points alone."""
             plans = [planner.plan(RegionModel(cloud), seen.scene, (kind,)) for cloud in seen.clouds]
             return RowPredictions.from_ranked(plans)
 
@@ -105,7 +105,7 @@ class Baselines:
         ]
 
     def _true_affordance(self, points: Array, owner: int, truth: FrameTruth) -> Array:
-        """Return (n,) the affordance of the object's surface nearest to `points`, camera frame."""
+        """Return (n,) true affordance of the surface nearest to each of `points`, camera frame."""
         if owner not in truth.scene.poses or not len(points):
             return np.zeros(len(points))
         labels = self.reader.affordance(owner)
@@ -122,10 +122,10 @@ def rows_of(
     baselines: Baselines | None,
     seed: int,
 ) -> dict[str, RegionRow]:
-    """Return the rows of one frame, and where wanted those of `baselines` on our regions.
+    """Return the rows of one frame, and the rows of `baselines`, if any, on our regions.
 
-    `predictions`: by row, ours among them; each on regions of its own. One `seed` gives the same
-    random grasps.
+    `predictions`: by row, including ours; each row has its own regions. The same `seed` gives the
+    same random grasps.
     """
     rows = {
         name: RegionRow(each.row, each.masks, assign_regions(each.masks, truth, config))

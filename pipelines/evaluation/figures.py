@@ -1,8 +1,8 @@
 """The figures of `report.json` from the tally of frame records: means, precisions, curves.
 
-Every visible object counts once a frame; an object without a grasp has quality and antipodal
-score 0. Beside each mean stands the mean over the objects that did get a grasp, `..._predicted`,
-which is how the paper counts.
+Every visible object counts once per frame; an object without a grasp has quality and antipodal
+score 0. Each mean has a second one, `..._predicted`, over the objects with a grasp, as in the
+paper.
 """
 
 import math
@@ -23,7 +23,7 @@ from pipelines.metrics.grasp_verdicts import REASONS
 from pipelines.metrics.graspnet.graspnet_ap import AP_FIGURES, ap_figures
 
 TEST_SPLITS = ("seen", "similar", "novel")
-CURVE_FRICTIONS = np.round(np.arange(0.0, 1.001, 0.05), 2)  # of the share of objects held
+CURVE_FRICTIONS = np.round(np.arange(0.0, 1.001, 0.05), 2)  # for the share of objects held
 SWEEP_STEP = 0.1  # of the friction sweep of PointNetGPD, which the paper cites
 CURVE_RECALLS = np.round(np.linspace(0.0, 1.0, 51), 2)
 
@@ -33,10 +33,10 @@ Figures = dict[str, Any]
 def report_rows(
     tally: ReportTally, thresholds: Sequence[float], sphere_threshold: float
 ) -> dict[str, dict[str, Figures]]:
-    """Return FIGURES by row and split: seen, similar, novel, all; train where it was evaluated.
+    """Return FIGURES by row and split: seen, similar, novel, all; train if it was evaluated.
 
-    `thresholds`: of the dense symmetry error, the first one is the reported one, the others are
-    the stricter ones beside it. `sphere_threshold`: metres.
+    `thresholds`: of the dense symmetry error; the first is the reported threshold, the others are
+    stricter. `sphere_threshold`: metres.
     """
     return {
         row: {
@@ -52,7 +52,7 @@ def report_rows(
 def split_figures(
     row: RowTally, masks: PredictionTally, thresholds: Sequence[float], sphere_threshold: float
 ) -> Figures:
-    """Return FIGURES of one row in one split; what has no truth to find is None."""
+    """Return FIGURES of one row in one split; a figure without any truth is None."""
     reported, *stricter = thresholds
     return {
         **_means(row, np.ones(len(row.predicted), np.bool_), ""),
@@ -76,7 +76,7 @@ def report_curves(
     """Return the curves of a report, over all frames.
 
     `held`: by row, the share of objects held at each of `friction`. `symmetry`: by row, kind and
-    threshold, the precision at each of `recall`, the best at that recall or beyond.
+    threshold, the best precision at each of `recall` or beyond.
     """
     rows = {row: tally.rows[row][ALL] for row in ordered_rows(tally.rows)}
     symmetry = {
@@ -107,9 +107,9 @@ def _means(row: RowTally, counted: Mask, suffix: str) -> dict[str, float | None]
 
 
 def swept_quality(quality: ArrayLike) -> Array:
-    """Return (n,) qualities of a sweep of the friction by `SWEEP_STEP`: each is rounded down.
+    """Return (n,) qualities by a sweep of the friction in steps of `SWEEP_STEP`: rounded down.
 
-    A grasp of quality 1 - mu is found to hold at the next friction of the sweep.
+    A grasp of quality 1 - mu holds at the next friction of the sweep.
     """
     return np.asarray(np.floor(np.asarray(quality, np.float64) / SWEEP_STEP + 1e-9) * SWEEP_STEP)
 
@@ -125,7 +125,7 @@ def _key(kind: str, threshold: float, sphere_threshold: float) -> str:
 def _symmetry_ap(
     row: RowTally, threshold: float, sphere_threshold: float
 ) -> dict[str, float | None]:
-    """Return all-point AP by kind; None where no truth, or where a method predicts none."""
+    """Return all-point AP by kind; None without truth, and for methods without symmetries."""
     return {
         kind: _defined(
             average_precision(*row.symmetries[kind].pooled(_key(kind, threshold, sphere_threshold)))
@@ -154,17 +154,17 @@ def _held_share(row: RowTally) -> list[float]:
 
 
 def _graspnet_ap(row: RowTally) -> dict[str, float | None]:
-    """Return AP by GraspNet's protocol, over all its frictions and at two of them."""
+    """Return AP by GraspNet's protocol, over all frictions and at two single frictions."""
     if not row.with_accuracy:
         return dict.fromkeys(AP_FIGURES)
     return {**ap_figures(row.accuracy / row.with_accuracy)}
 
 
 def _mask_ap(masks: PredictionTally) -> dict[str, float | None]:
-    """Return COCO's AP at IoU 0.5, at 0.75, and the mean over 0.5 to 0.95."""
+    """Return COCO's AP at IoU 0.5, at IoU 0.75, and its mean over 0.5 to 0.95."""
     pooled = [masks.pooled(number_key(threshold)) for threshold in IOU_THRESHOLDS]
     confidence = pooled[0][0]
-    # Frames without predictions need not name thresholds.
+    # Records of frames without predictions may lack the thresholds.
     correct = [right if len(right) else np.zeros(len(confidence)) for _, right, _ in pooled]
     precision = coco_average_precision(confidence, np.array(correct), masks.num_truth)
     return {

@@ -1,4 +1,4 @@
-"""Scores of one frame: its predictions against its ground truth."""
+"""Scores of one frame: predictions compared with the ground truth."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,15 +29,15 @@ from pipelines.metrics.symmetry_matching import (
 
 @dataclass(frozen=True)
 class RegionOwners:
-    """Whose the predicted regions are; one entry a region, -1 for nobody's."""
+    """The true owners of the predicted regions; one entry per region, -1 without an owner."""
 
     object_id: list[int]  # the object that most of the region covers
-    instance: list[int]  # index of the true symmetric region it overlaps most
+    instance: list[int]  # index of the true symmetric region with the largest overlap
 
 
 @dataclass(frozen=True)
 class RegionRow:
-    """One method on the regions of a frame, `masks` (H, W) each."""
+    """Predictions of one method on the regions of a frame; each of `masks` is (H, W)."""
 
     predictions: RowPredictions
     masks: list[Mask]
@@ -47,7 +47,7 @@ class RegionRow:
 def assign_regions(
     masks: Sequence[Mask], truth: FrameTruth, config: EvaluateConfig
 ) -> RegionOwners:
-    """Return to which object and to which true region each predicted mask belongs."""
+    """Return the object and the true region of each predicted mask."""
     objects = [owner_of(mask, truth.label, config.min_region_share) - 1 for mask in masks]
     iou = mask_iou(masks, [instance.mask for instance in truth.instances])
     if iou.size == 0:
@@ -57,10 +57,10 @@ def assign_regions(
 
 
 def owned_by_nearest(found: ScoredGrasps, truth: FrameTruth) -> RegionRow:
-    """Return the best grasp of each visible object, among those that are nearest to it, or none.
+    """Return the best grasp on each visible object, or none, of a method that knows no regions.
 
-    A grasp belongs to the object whose true surface is nearest to the middle of its contacts.
-    Truth only assigns: a method that finds grasps in the whole frame means no object.
+    A grasp belongs to the object with the true surface nearest to the midpoint of the contacts.
+    The truth only assigns: a method that finds grasps in the whole frame names no object.
     """
     scene, visible = truth.scene, truth.visible
     ids = sorted(scene.poses)
@@ -81,7 +81,7 @@ def owned_by_nearest(found: ScoredGrasps, truth: FrameTruth) -> RegionRow:
 
 
 def best_region(object_id: int, row: RowPredictions, owners: RegionOwners) -> int | None:
-    """Return which of an object's regions has the best grasp; None for an object without one."""
+    """Return the region of an object that has the best grasp; None for an object without one."""
     regions = [i for i, owner in enumerate(owners.object_id) if owner == object_id]
     return max(regions, key=lambda i: row.rank_score[i], default=None)
 
@@ -93,7 +93,7 @@ def score_frame(
     gripper: Gripper,
     config: EvaluateConfig,
 ) -> FrameRecord:
-    """Return the record of one frame: the masks of `predictions`, and the grasps of all `rows`."""
+    """Return the record of one frame: scores of the masks of `predictions` and of all `rows`."""
     return FrameRecord(
         predictions.name,
         truth.split,
@@ -151,7 +151,7 @@ def _object_verdict(
 def _scored_slots(
     slots: Sequence[SymmetrySlots], owners: RegionOwners, truth: FrameTruth, config: EvaluateConfig
 ) -> dict[str, ScoredPredictions]:
-    """Return the verdicts on every slot of every region, whatever its confidence: AP ranks them."""
+    """Return the verdicts on every slot of every region; AP ranks slots of any confidence."""
     predicted = [
         PredictedSymmetry(symmetry, float(region.existence[slot]), owner)
         for region, owner in zip(slots, owners.instance, strict=True)

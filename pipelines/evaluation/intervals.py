@@ -12,12 +12,12 @@ from pipelines.metrics.paired_bootstrap import FrameFigure, FramePrecision, inte
 
 RESAMPLES, FEWEST_RESAMPLES = 1000, 100
 LEVEL = 0.95
-MOST_WEIGHTS = 100_000_000  # of predictions, drawn for one interval
+MOST_WEIGHTS = 100_000_000  # of predictions that are drawn for one interval
 
 
 @dataclass
 class RowIntervals:
-    """Frames of a report by row; `keys` of `threshold_keys`."""
+    """Frames of a report by row; `keys` are the result of `threshold_keys`."""
 
     keys: Mapping[str, str]
     runs: dict[str, EvaluatedRun] = field(default_factory=dict)
@@ -28,7 +28,7 @@ class RowIntervals:
             add_record(self.runs.setdefault(name, EvaluatedRun(name, {})), record, row, self.keys)
 
     def add_to(self, rows: Mapping[str, Mapping[str, Figures]]) -> None:
-        """Put `intervals` into the figures of each row and split: low and high end by metric."""
+        """Add `intervals` to the figures of each row and split: low and high end by metric."""
         for name, splits in rows.items():
             for split, figures in splits.items():
                 figures["intervals"] = self._intervals(name, split)
@@ -46,7 +46,7 @@ class RowIntervals:
 
 
 def _resamples(figure: FrameFigure) -> int:
-    """Return how many draws are made: fewer of very many predictions."""
+    """Return the number of draws: fewer where there are very many predictions."""
     if not isinstance(figure, FramePrecision):
         return RESAMPLES
     return max(FEWEST_RESAMPLES, min(RESAMPLES, MOST_WEIGHTS // max(len(figure.frame), 1)))

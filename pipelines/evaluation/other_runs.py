@@ -1,4 +1,4 @@
-"""Grasps of other methods on the same frames, a row of the report each: `--with NAME.h5`."""
+"""Grasps of other methods on the same frames, one row of the report each: `--with NAME.h5`."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -26,20 +26,21 @@ RowPlaces = dict[str, tuple[Path, list[int]]]
 
 @dataclass(frozen=True)
 class ComparedRuns:
-    """Grasps on the frames of a dataset by row: ours, and those of `--with`."""
+    """Grasps on the frames of a dataset by row: ours, and the grasps of `--with`."""
 
     root: GraspNetRoot
     index: GraspsIndex  # of our `grasps.h5`
-    paths: Mapping[str, Path]  # row -> grasps.h5; the row of another file is called as its file
-    scenes: Mapping[SceneFiles, RowPlaces]  # where the frames of each lie, by row
+    paths: Mapping[str, Path]  # row -> grasps.h5; the row of another file has the file's name
+    scenes: Mapping[SceneFiles, RowPlaces]  # places of the frames of each scene, by row
 
     @classmethod
     def of(cls, grasps: Path, others: Sequence[Path], dataset: Path) -> "ComparedRuns":
-        """Return our `grasps` and the files `others`, of frames of `dataset`.
+        """Return our file `grasps` and the files `others`, all on frames of `dataset`.
 
         Raises:
             ValueRangeError: two rows would have one name.
-            FormatError: a file holds no frames, frames of another dataset, or not those of ours.
+            FormatError: a file holds no frames, frames of another dataset, or other frames than
+                our file.
         """
         root, index = GraspNetRoot.finished(dataset), read_index(grasps)
         paths = {OURS: grasps}
@@ -51,7 +52,7 @@ class ComparedRuns:
         return cls(root, index, paths, _scenes(paths, root))
 
     def gripper(self, wanted: str) -> str:
-        """Return the gripper of the trials: `wanted`, else that of our grasps."""
+        """Return the gripper of the trials: `wanted`, else the gripper of our grasps."""
         return gripper_to_use(wanted, self.index.gripper, self.index.stamp)
 
     def inputs(self, gripper: str, *, baselines: bool) -> dict[str, str]:
@@ -61,7 +62,7 @@ class ComparedRuns:
         return inputs | truth_digests(self.root, self.scenes, baselines=baselines)
 
     def items(self, folder: Path, stamp: Stamp, options: BatchOptions) -> list[WorkItem]:
-        """Return an item a scene and camera, with the places of its frames; drop stale ones."""
+        """Return one item per scene and camera, with the places of its frames; drop stale items."""
         items = [
             WorkItem(scene.name, folder / f"{scene.name}.json", stamp, (places,))
             for scene, places in self.scenes.items()
@@ -71,7 +72,7 @@ class ComparedRuns:
 
 
 def _scenes(paths: Mapping[str, Path], root: GraspNetRoot) -> dict[SceneFiles, RowPlaces]:
-    """Return where the frames of each scene and camera lie, by row; errors as `ComparedRuns.of`."""
+    """Return the places of the frames of each scene, by row; errors as in `ComparedRuns.of`."""
     found: dict[SceneFiles, RowPlaces] = {}
     expected: dict[SceneFiles, list[str]] = {}
     for row, path in paths.items():
@@ -90,7 +91,7 @@ def _scenes(paths: Mapping[str, Path], root: GraspNetRoot) -> dict[SceneFiles, R
 
 
 def frames_by_row(places: RowPlaces) -> Iterator[dict[str, FramePredictions]]:
-    """Yield each frame of a scene as every row has it."""
+    """Yield the predictions of all rows for each frame of a scene."""
     rows = (_predictions(*each) for each in places.values())
     for predictions in zip(*rows, strict=True):
         yield dict(zip(places, predictions, strict=True))
@@ -105,5 +106,5 @@ def _predictions(path: Path, places: list[int]) -> Iterator[FramePredictions]:
 def _difference(names: Sequence[str], expected: Sequence[str]) -> str:
     missing = sorted(set(expected) - set(names))
     if missing:
-        return f"lacks {len(missing)} frames of ours, as {missing[0]}"
-    return f"has frames that ours lacks, as {sorted(set(names) - set(expected))[0]}"
+        return f"lacks {len(missing)} of our frames, for example {missing[0]}"
+    return f"has frames that ours lacks, for example {sorted(set(names) - set(expected))[0]}"

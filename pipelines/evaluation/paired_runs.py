@@ -1,8 +1,8 @@
-"""Several runs frame by frame, and which of their frames can be paired.
+"""Several runs frame by frame, and the pairing of their frames.
 
-Frames are paired by name. Two runs were evaluated on the same truth if a frame has the same
-visible objects and as many masks and symmetries to find in both; runs of which this is not so
-cannot be paired at all.
+Frames are paired by name. Two runs were evaluated on the same truth if each frame has the same
+visible objects and the same numbers of masks and symmetries to find in both; other runs cannot be
+paired at all.
 """
 
 from array import array
@@ -35,7 +35,7 @@ class RunPredictions:
     num_truth: "array[float]" = field(default_factory=lambda: array("d"))
 
     def add(self, frame: int, scored: ScoredPredictions | None, key: str) -> None:
-        """Add one frame's; None where the method predicts none of the kind."""
+        """Add the predictions of one frame; None if the method predicts none of the kind."""
         found = scored or ScoredPredictions(0)
         self.num_truth.append(found.num_truth)
         for confidence, verdict in zip(
@@ -52,7 +52,7 @@ class RunPredictions:
         new[places] = np.arange(len(places))
         frame = new[np.array(self.frame, np.int64)]
         kept = frame >= 0
-        # In the order of the frames, so that COCO's equal confidences rank alike in all runs.
+        # The order of the frames ranks COCO's equal confidences alike in all runs.
         order = np.argsort(frame[kept], kind="stable")
         confidence, correct = np.array(self.confidence)[kept], np.array(self.correct, bool)[kept]
         truths = np.array(self.num_truth)[places]
@@ -65,12 +65,12 @@ class RunPredictions:
 class EvaluatedRun:
     """One row of one report, frame by frame.
 
-    `counts`: how many objects (or whatever means are over) each frame has. `sums`: by metric that
-    is a mean, of each frame the sum over its objects; of `AP_FIGURES` the frame's own.
+    `counts`: number of objects (or other items of the means) in each frame. `sums`: by metric that
+    is a mean, the sum over the objects of each frame; for `AP_FIGURES` the figure of the frame.
     `predictions`: by metric that is an average precision over all frames.
     """
 
-    name: str  # short, other than those of the runs beside it
+    name: str  # short, and different from the names of the other runs
     report: Mapping[str, Any]  # the content of `report.json` or `success.json`
     frames: dict[str, int] = field(default_factory=dict)  # name to place
     splits: list[str] = field(default_factory=list)  # of each frame
@@ -81,7 +81,7 @@ class EvaluatedRun:
 
     @property
     def metrics(self) -> set[str]:
-        """What this run can be compared by."""
+        """Metrics by which this run can be compared."""
         return {*self.sums, *self.predictions}
 
     def add(
@@ -99,7 +99,7 @@ class EvaluatedRun:
         return place
 
     def figure(self, metric: str, names: Sequence[str]) -> FrameFigure:
-        """Return `metric` over the frames called `names`, in that order."""
+        """Return `metric` over the frames `names`, in that order."""
         places = np.array([self.frames[name] for name in names], np.int64)
         if metric in self.sums:
             sums, counts = np.array(self.sums[metric])[places], np.array(self.counts)[places]
@@ -115,13 +115,13 @@ def paired_frames(runs: Sequence[EvaluatedRun]) -> list[str]:
     """Return the names of the frames that all runs have, sorted.
 
     Raises:
-        SymgraspError: there is none, or a frame has another truth in one run than in another.
+        SymgraspError: no frame or metric is in all runs, or a frame's truth differs between runs.
     """
     first, *others = runs
     if not set.intersection(*(run.metrics for run in runs)):
         raise SymgraspError(
-            "runs of different protocols, or simulated at different frictions, have no figure in "
-            "common to compare"
+            "the runs have different protocols or different frictions, so no figure is common; "
+            "compare runs of one kind"
         )
     for other in others:
         common = sorted(first.frames.keys() & other.frames.keys())
@@ -133,11 +133,10 @@ def paired_frames(runs: Sequence[EvaluatedRun]) -> list[str]:
         for name in common:
             one, two = first.truth[first.frames[name]], other.truth[other.frames[name]]
             if one != two:
-                what = "visible objects" if one[0] != two[0] else "masks or symmetries to find"
+                differing = "visible objects" if one[0] != two[0] else "masks or symmetries to find"
                 raise SymgraspError(
-                    f"{name} has other {what} in {other.name} than in {first.name}: evaluated on "
-                    "another dataset, with other labels or other settings, these runs cannot be "
-                    "paired"
+                    f"{name} has other {differing} in {other.name} than in {first.name}; "
+                    "evaluate both on one dataset, with the same labels and settings"
                 )
     shared = set(first.frames).intersection(*(other.frames for other in others))
     if not shared:

@@ -13,18 +13,18 @@ from pipelines.grasping.ranked_grasps import RankedGrasps
 
 @dataclass(frozen=True)
 class RowPredictions:
-    """One method on the regions of a frame, camera frame; lists have one entry a region."""
+    """Predictions of one method, camera frame; lists have one entry per region of the frame."""
 
     best: list[GraspPoses]  # empty or one grasp
-    rank_score: list[float]  # of the best grasp; -inf where there is none
+    rank_score: list[float]  # of the best grasp; -inf without a grasp
     symmetries: list[SymmetrySlots] | None = None  # None for a method that predicts none
-    every: "ScoredGrasps | None" = None  # all grasps of the frame; None for none
+    every: "ScoredGrasps | None" = None  # all grasps of the frame; None without any
 
     @classmethod
     def from_ranked(
         cls, ranked: list[RankedGrasps], symmetries: list[SymmetrySlots] | None = None
     ) -> "RowPredictions":
-        """Return the best of each region's grasps, which are in order."""
+        """Return the best grasp of each region; `ranked` has the best grasp first."""
         score = [float(r.rank_score[0]) if len(r) else -np.inf for r in ranked]
         every = RankedGrasps.concatenate([RankedGrasps.empty(), *ranked])
         scored = ScoredGrasps(every.grasps, every.rank_score)
@@ -47,7 +47,7 @@ class ScoredGrasps:
 
 @dataclass(frozen=True)
 class FramePredictions:
-    """What `infer` wrote about one frame; lists have one entry a region, masks are (H, W).
+    """The results of `infer` on one frame; lists have one entry per region, masks are (H, W).
 
     `anywhere`: grasps of a compared method that knows no regions; None for other methods.
     """
@@ -61,7 +61,10 @@ class FramePredictions:
 
     @classmethod
     def from_result(cls, result: FrameResult, *, knows_regions: bool = True) -> "FramePredictions":
-        """Return one frame of a `grasps.h5`, of a method that finds regions or whole frames."""
+        """Return the predictions of one frame of a `grasps.h5`.
+
+        `knows_regions`: the method grasps regions, not whole frames.
+        """
         regions, grasps = result.regions, result.grasps
         best: list[GraspPoses] = [GraspPoses.empty() for _ in range(len(regions))]
         score = [-np.inf] * len(regions)
@@ -82,7 +85,7 @@ class FramePredictions:
 
 
 def _symmetries(regions: RegionTable, region: int) -> SymmetrySlots:
-    """Return a region's symmetries; those without parameters do not exist."""
+    """Return a region's symmetries; a symmetry without parameters has existence 0."""
     point = np.asarray(regions.symmetry_point[region], np.float64)
     direction = np.asarray(regions.symmetry_direction[region], np.float64)
     known = np.isfinite(point).all(axis=1)

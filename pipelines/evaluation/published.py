@@ -1,13 +1,13 @@
-"""The figures of the paper that stand beside ours, from its Tables I to III and Sections III, IV.
+"""The paper's figures that reports show next to ours: Tables I to III and Sections III, IV.
 
-They were measured on GraspNet-1Billion and on a real robot; ours are measured on the dataset that
-`evaluate` was given.
+The paper measured on GraspNet-1Billion and on a real robot; we measure on the dataset given to
+`evaluate`.
 """
 
 SOURCE = "SymmetryGrasp paper, on GraspNet-1Billion"
 SOURCE_ROBOT = "SymmetryGrasp paper, on a real robot (UR-5 with RG-2)"
 
-# Of each table the figures of a method, from left to right.
+# The figures of each method in one table, from left to right.
 Published = dict[str, tuple[float, ...]]
 
 # Table I, grasp quality: seen, unseen.
@@ -34,7 +34,7 @@ SUCCESS_RATE: Published = {
     "GraspNet": (0.68, 0.59, 0.61, 0.52),
     "SymmetryGrasp": (0.74, 0.68, 0.72, 0.47),
 }
-# Sec. IV-E, symmetry AP: reflection, rotation, sphere; [32] is SymmetryNet, [7] is by geometry.
+# Sec. IV-E, symmetry AP: reflection, rotation, sphere; [32] is SymmetryNet, [7] is geometric.
 SYMMETRY_AP: Published = {
     "geometry [7]": (0.17, 0.08, 0.34),
     "SymmetryNet [32]": (0.39, 0.32, 0.58),

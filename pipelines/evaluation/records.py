@@ -22,20 +22,20 @@ FORMAT_VERSION = 1
 class ScoredPredictions:
     """Predictions of one kind in one frame.
 
-    `verdicts`: by threshold, of each prediction: 1 right, 0 wrong, -1 ignored.
+    `verdicts`: by threshold, one per prediction: 1 right, 0 wrong, -1 ignored.
     """
 
-    num_truth: int  # how many there are to find
+    num_truth: int  # number of true ones to find
     confidence: list[float] = field(default_factory=list)
     verdicts: dict[str, list[int]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class RowRecord:
-    """One method on one frame.
+    """The results of one method on one frame.
 
     `symmetries`: by kind; empty for a method that predicts none. `accuracy`: by GraspNet's
-    protocol, at each of `AP_FRICTIONS`, the mean over ranks; empty in records of before.
+    protocol, the mean over ranks at each of `AP_FRICTIONS`; empty in older records.
     """
 
     verdicts: list[Verdict]  # one for every visible object
@@ -45,9 +45,9 @@ class RowRecord:
 
 @dataclass(frozen=True)
 class FrameRecord:
-    """All methods on one frame; `masks` are our regions.
+    """The results of all methods on one frame.
 
-    `seconds` that `infer` took; nan without `infer --timings`.
+    `seconds`: run time of `infer`; nan without `infer --timings`. `masks`: our regions.
     """
 
     name: str
@@ -58,12 +58,12 @@ class FrameRecord:
 
 
 def records_folder(report: Path) -> Path:
-    """Return where the records of the report `report` lie, one file a scene."""
+    """Return the folder of the records of the report `report`, one file per scene."""
     return report.with_suffix(".frames")
 
 
 def number_key(number: float) -> str:
-    """Return the name of a threshold or a friction in JSON: 0.25 is "0.25"."""
+    """Return a threshold or a friction as a key of JSON: 0.25 is "0.25"."""
     return f"{number:g}"
 
 
@@ -81,7 +81,7 @@ def read_frame_records(path: Path) -> list[FrameRecord]:
     """Read the records of one scene.
 
     Raises:
-        FormatError: not written by `write_frame_records`.
+        FormatError: the file was not written by `write_frame_records`.
     """
     content = read_json(path)
     with reading(path, "the record of a scene", "delete it and run `evaluate` again"):
@@ -89,7 +89,7 @@ def read_frame_records(path: Path) -> list[FrameRecord]:
 
 
 def _record(entry: Mapping[str, Any]) -> FrameRecord:
-    """Return a record of `write_frame_records`: null is nan seconds, and no friction that holds."""
+    """Return an entry of the file as a record; null is nan of seconds and inf of frictions."""
     seconds = math.nan if entry["seconds"] is None else entry["seconds"]
     for verdict in [verdict for row in entry["rows"].values() for verdict in row["verdicts"]]:
         if verdict["min_friction"] is None:

@@ -1,4 +1,4 @@
-"""Writing a report from the records of its scenes: `report.json`, and the page beside it."""
+"""Writing of a report from the records of its scenes: `report.json`, and the page next to it."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -31,11 +31,11 @@ def write_report_files(
     failed: Mapping[str, str],
     tables: Sequence[Mapping[str, Any]],
 ) -> dict[str, str]:
-    """Write `output` and the page beside it; return what could not be drawn: frame to sentence.
+    """Write `output` and the page next to it; return the faults of pictures: frame to sentence.
 
-    `scenes`: the records of each, one in memory. `stamp`: how they were made of `runs`. `success`:
-    a row's `success.json`, by row. `failed`: scenes that could not be evaluated and are left out,
-    to why. `tables`: further ones.
+    `scenes`: records of each scene, one scene in memory. `stamp`: of the records, made from `runs`.
+    `success`: content of a row's `success.json`, by row. `failed`: scene that could not be
+    evaluated and is left out, to reason. `tables`: further tables.
     """
     thresholds, sphere = config.symmetry_thresholds, config.sphere_threshold
     tally, choices = ReportTally(), {row: FrameChoice(row) for row in runs.paths}
@@ -66,7 +66,7 @@ def write_report_files(
 def _add_success(
     rows: Mapping[str, Mapping[str, Figures]], success: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Any]:
-    """Put the rates of success at TABLE_FRICTION beside the figures of the same row and split.
+    """Add the success rates at TABLE_FRICTION to the figures of the same row and split.
 
     Return the rates at all frictions, as entries of the report.
     """

@@ -12,12 +12,12 @@ from pipelines.storage.files import finite_json, read_json, write_json
 from pipelines.storage.provenance import Stamp
 
 FORMAT_VERSION = 1
-WITH = "with "  # before a row's name, of the digests in a stamp
+WITH = "with "  # before a row's name, in the keys of the digests of a stamp
 
 
 @dataclass(frozen=True)
 class GivenTable:
-    """A table of text that a report shows beside its own: `evaluate --table`."""
+    """A table of text that a report shows after its own tables: `evaluate --table`."""
 
     title: str
     header: list[str]
@@ -35,8 +35,8 @@ def write_report(
 ) -> None:
     """Write a report with `more` JSON entries.
 
-    `rows`: row, of `evaluation.rows`, to split (seen, similar, novel, all) to figures; a figure
-    that could not be computed, nan, is stored as null. `seconds_per_frame`: median of `infer`.
+    `rows`: row, of `evaluation.rows`, to split (seen, similar, novel, all) to figures; an undefined
+    figure, nan, is stored as null. `seconds_per_frame`: median run time of `infer`.
     """
     content = {
         "rows": rows,
@@ -49,10 +49,10 @@ def write_report(
 
 
 def read_report(path: Path) -> dict[str, Any]:
-    """Read a report as the JSON object it is.
+    """Read a report as a JSON object.
 
     Raises:
-        FormatError: it has no `rows`.
+        FormatError: the file has no `rows`.
     """
     content = read_json(path)
     if not isinstance(content, dict) or not isinstance(content.get("rows"), dict):
@@ -61,10 +61,10 @@ def read_report(path: Path) -> dict[str, Any]:
 
 
 def read_table(path: Path) -> dict[str, Any]:
-    """Read a table of text, as `GivenTable` has it, as a JSON object.
+    """Read a table of text as a JSON object with the fields of `GivenTable`.
 
     Raises:
-        FormatError: it is something else, or a row is longer or shorter than the header.
+        FormatError: the file is no table, or a row is longer or shorter than the header.
     """
     expected = "a title, a header and rows of text as long as the header are expected"
     with reading(path, "a table", expected):
@@ -72,22 +72,22 @@ def read_table(path: Path) -> dict[str, Any]:
     for row in table.rows:
         if len(row) != len(table.header):
             raise FormatError(
-                path, f"has a row of {len(row)} for a header of {len(table.header)}", expected
+                path, f"has {len(row)} cells in a row, {len(table.header)} in the header", expected
             )
     return asdict(table)
 
 
 def is_success(path: Path) -> bool:
-    """Return whether a JSON file is meant as a `success.json`, not as a `report.json`."""
+    """Return whether a JSON file is a `success.json`, not a `report.json`."""
     content = read_json(path)
     return isinstance(content, dict) and "success" in content and "rows" not in content
 
 
 def read_success(path: Path) -> dict[str, Any]:
-    """Read the rates of success that `simulate` found.
+    """Read the success rates that `simulate` wrote.
 
     Raises:
-        FormatError: not a success.json, or of another version.
+        FormatError: the file is no success.json, or has another version.
     """
     content: dict[str, Any] = read_json(path)
     for name, kind in (("success", dict), ("frictions", list)):
@@ -100,15 +100,14 @@ def read_success(path: Path) -> dict[str, Any]:
 
 
 def read_successes(paths: Sequence[Path], inputs: Mapping[str, str]) -> dict[str, dict[str, Any]]:
-    """Read the rates of success of rows: row to the content of its file.
+    """Read the success rates of rows: row to the content of its file.
 
-    `inputs`: digests by kind, `grasps` of ours and `with NAME` of the other rows among them. Of the
-    other kinds those are compared that the simulation knew too: the gripper, the labels, meshes
-    and scenes of the dataset.
+    `inputs`: digests by kind; `grasps` is our row, `with NAME` is another row. Digests of the
+    gripper and of the dataset's labels, meshes and scenes must equal those of the simulation.
 
     Raises:
-        FormatError: as `read_success`, or they are of other grasps, or by another gripper or in
-            another dataset; or two files are of one row.
+        FormatError: as `read_success`; or a file has other grasps, another gripper or another
+            dataset; or two files have one row.
     """
     rows = {inputs[key]: key.removeprefix(WITH) for key in inputs if key.startswith(WITH)}
     rows[inputs["grasps"]] = OURS
@@ -128,6 +127,6 @@ def read_successes(paths: Sequence[Path], inputs: Mapping[str, str]) -> dict[str
                 "run simulate with this gripper on this dataset",
             )
         if row in found:
-            raise FormatError(path, f"is a second one of the row {row}", "give one of each row")
+            raise FormatError(path, f"is a second file of row {row}", "give one file per row")
         found[row] = content
     return found

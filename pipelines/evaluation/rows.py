@@ -1,4 +1,4 @@
-"""The rows of reports: one registry of the compared methods, with titles and colours."""
+"""The rows of reports: a registry of the compared methods, with titles and colours."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ class ReportRow:
     Attributes:
         name: in `report.json`.
         title: in tables and charts.
-        color: in charts, as CSS has it.
+        color: in charts, as a CSS colour.
         meaning: for the note below the tables; empty for none.
         published: the paper's name of the method, as in `published.py`; empty for none.
     """
@@ -77,16 +77,16 @@ KNOWN_ROWS = (
         "from the boundary of the region, ranked by the grasp critic",
     ),
     ReportRow("planar", "planar", "#e08a00", "from the boundary of the region, ranked by Eq. 8"),
-    ReportRow("random", "random", "#8a8f98", "any grasp the gripper can do"),
+    ReportRow("random", "random", "#8a8f98", "random grasps that the gripper can do"),
 )
 BASELINE_ROWS = ("oracle", "planar-critic", "planar", "random")
 OTHER_COLORS = ("#c2185b", "#00838f", "#5d4037", "#7cb342", "#303f9f", "#f06292")
 
 
 def report_row(name: str) -> ReportRow:
-    """Return the row called `name`; a row of `--with NAME.h5` bears its file's name.
+    """Return the row called `name`; a row of `--with NAME.h5` has the name of its file.
 
-    `METHOD-selected` is a compared method whose grasps went through our selection.
+    `METHOD-selected` is a compared method with our selection of its grasps.
     """
     known = {row.name: row for row in KNOWN_ROWS}
     if name in known:

@@ -1,4 +1,4 @@
-"""Reading what lies beside a report or a `success.json`, scene by scene, into a `EvaluatedRun`."""
+"""Reading of the records of a report or a `success.json`, scene by scene, as an `EvaluatedRun`."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -39,21 +39,21 @@ SUCCESS = "success"
 
 
 def compared_folders(report: Path) -> list[Path]:
-    """Return the folders beside `report` that a comparison may read, those that are there."""
+    """Return the existing folders next to `report` that a comparison may read."""
     folders = (records_folder(report), scenes_folder(report), trials_folder(report))
     return [folder for folder in folders if folder.is_dir()]
 
 
 def read_run(path: Path, name: str, row: str) -> EvaluatedRun:
-    """Read the records beside the report `path`, a scene at a time.
+    """Read the records next to the report `path`, one scene at a time.
 
     `path`: `report.json`, of a `grasps.h5` or of a dump by GraspNet's protocol; or `success.json`.
-    `row`: of the report. Rows of a dump are cameras; DEFAULT_ROW means all of them.
+    `row`: of the report. Rows of a dump are cameras; DEFAULT_ROW means all cameras.
 
     Raises:
-        MissingInputError: there are none.
-        FormatError: they were made otherwise than the report.
-        UnknownNameError: the report has no such row.
+        MissingInputError: there are no records.
+        FormatError: the records and the report come from different runs.
+        UnknownNameError: the report has no row of this name.
     """
     if reports.is_success(path):
         return _read_success(path, name, row)
@@ -89,7 +89,7 @@ def _scenes(folder: Path, suffix: str, command: str) -> list[Path]:
 
 
 def _read_success(path: Path, name: str, row: str) -> EvaluatedRun:
-    """Read the trials beside a `success.json`; of each frame, how many held at each friction."""
+    """Read the trials next to a `success.json`; count those held at each friction by frame."""
     report = reports.read_success(path)
     rows = [OURS, *mapping_in(report, "baselines")]
     if row not in rows:
@@ -134,7 +134,7 @@ def _read_records(
 def add_record(
     run: EvaluatedRun, record: FrameRecord, row: RowRecord, keys: Mapping[str, str]
 ) -> None:
-    """Add one row of a frame's record to `run`; `keys` are of `threshold_keys`."""
+    """Add one row of a frame's record to `run`; `keys` are the result of `threshold_keys`."""
     symmetries = [row.symmetries.get(kind) for kind in SYMMETRY_KINDS]
     truth = (
         tuple(sorted(verdict.object_id for verdict in row.verdicts)),
@@ -156,7 +156,7 @@ def add_record(
 
 
 def _read_dump(run: EvaluatedRun, path: Path, scenes: list[Path], camera: str) -> None:
-    """Add the frames of a dump that `camera` saw, of all cameras if empty."""
+    """Add the frames of a dump that `camera` saw; if empty, the frames of all cameras."""
     stamp = mapping_in(run.report, "provenance")
     for path_of_scene in scenes:
         _check_stamp(path_of_scene, path, stamp, ("stage", "config"))
@@ -174,8 +174,8 @@ def _read_dump(run: EvaluatedRun, path: Path, scenes: list[Path], camera: str) -
 def _check_stamp(scene: Path, path: Path, stamp: Mapping[str, Any], names: tuple[str, ...]) -> None:
     found = read_stamp(scene) or {}
     if any(found.get(name) != stamp.get(name) for name in names):
-        expected = "run its command again, both come from one run"
-        raise FormatError(scene, f"was made otherwise than {path.name}", expected)
+        expected = "run its command again, so that one run writes both"
+        raise FormatError(scene, f"was made in another run than {path.name}", expected)
 
 
 def _threshold_keys(path: Path, stamp: Mapping[str, Any]) -> dict[str, str]:
@@ -185,14 +185,14 @@ def _threshold_keys(path: Path, stamp: Mapping[str, Any]) -> dict[str, str]:
         dense, sphere = config["symmetry_thresholds"][0], config["sphere_threshold"]
     except (KeyError, IndexError, TypeError) as error:
         expected = "a report of `symgrasp evaluate` is expected"
-        raise FormatError(path, "does not say its thresholds", expected) from error
+        raise FormatError(path, "does not state its thresholds", expected) from error
     return threshold_keys(dense, sphere)
 
 
 def threshold_keys(dense: float, sphere: float) -> dict[str, str]:
-    """Return the names of the thresholds at which each of PRECISIONS is counted.
+    """Return the name of the threshold of each metric of PRECISIONS.
 
-    `dense`: of the dense symmetry error. `sphere`: metres.
+    `dense`: threshold of the dense symmetry error. `sphere`: metres.
     """
     keys = [number_key(sphere if kind == "sphere" else dense) for kind in SYMMETRY_KINDS]
     return dict(zip(PRECISIONS, (*keys, number_key(IOU_THRESHOLDS[0])), strict=True))

@@ -1,7 +1,7 @@
-"""The tables of a report: the paper's I to III with ours beside them, symmetries, masks, failures.
+"""The tables of a report: the paper's I to III with our rows added, symmetries, masks, failures.
 
-The paper has the splits seen and unseen; ours has seen, similar and novel, of which the latter two
-together are unseen.
+The paper has the splits seen and unseen; our reports have seen, similar and novel, where similar
+and novel together are unseen.
 """
 
 from collections.abc import Iterator, Mapping
@@ -21,7 +21,7 @@ ReportRows = Mapping[str, Mapping[str, Figures]]
 
 UNSEEN = ("similar", "novel")
 SUCCESS_KINDS = ("reflection", "rotation", "sphere", "none", ALL)
-TABLE_FRICTION = "0.5"  # of the simulated trials that stand by split, and in FIGURES
+TABLE_FRICTION = "0.5"  # of the simulated trials that are shown by split, and in FIGURES
 NO_SUCCESS = (
     "SymGrasp was not simulated: `symgrasp simulate`, then `symgrasp evaluate --success "
     "success.json`"
@@ -30,23 +30,23 @@ NO_SUCCESS = (
 
 @dataclass(frozen=True)
 class Table:
-    """A title, column heads, and rows of text; a line below that says what is meant."""
+    """A title, column heads, and rows of text; `note` is a line of explanation below."""
 
     title: str
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     note: str = ""
-    published: int = 0  # how many of the first rows are from the paper
-    names: int = 1  # how many of the first columns are names, not numbers
+    published: int = 0  # number of first rows that are from the paper
+    names: int = 1  # number of first columns that are names, not numbers
 
 
 def report_tables(report: Mapping[str, Any]) -> list[Table]:
-    """Return the tables of a `report.json`, in the order in which they are read."""
+    """Return the tables of a `report.json`, in the order of the page."""
     return [table for tables in report_sections(report).values() for table in tables]
 
 
 def report_sections(report: Mapping[str, Any]) -> dict[str, list[Table]]:
-    """Return the tables of a `report.json` by the heading that they stand under."""
+    """Return the tables of a `report.json` by heading."""
     rows: ReportRows = report["rows"]
     title = "Table I. Grasp quality, 1 - mu"
     quality = split_table(rows, "grasp_quality", published.GRASP_QUALITY, title)
@@ -62,7 +62,7 @@ def report_sections(report: Mapping[str, Any]) -> dict[str, list[Table]]:
         "Success": [success_table(report), trial_table(report)],
         "Symmetries": [symmetry_table(rows)],
         "Region masks": [mask_table(rows)],
-        "What became of the objects": [reason_table(rows)],
+        "Outcomes of the objects": [reason_table(rows)],
         "Further tables": [given_table(each) for each in report.get("tables", [])],
     }
     return {
@@ -72,7 +72,7 @@ def report_sections(report: Mapping[str, Any]) -> dict[str, list[Table]]:
 
 
 def given_table(content: Mapping[str, Any]) -> Table:
-    """Return a table as `evaluate --table` was given it."""
+    """Return a table that was given by `evaluate --table`."""
     rows = tuple(tuple(cells) for cells in content["rows"])
     return Table(content["title"], tuple(content["header"]), rows, content.get("note", ""))
 
@@ -82,7 +82,9 @@ def _left_out(report: Mapping[str, Any]) -> str:
     if not failed:
         return ""
     scene, why = next(iter(failed.items()))
-    return f" Scenes left out, as they could not be evaluated: {len(failed)}, as {scene}: {why}."
+    return (
+        f" Left out: {len(failed)} scenes that could not be evaluated, for example {scene}: {why}."
+    )
 
 
 def split_table(rows: ReportRows, figure: str, paper: Published, title: str) -> Table:
@@ -100,15 +102,15 @@ def split_table(rows: ReportRows, figure: str, paper: Published, title: str) -> 
             body.append((f"{report_row(row).title}, if grasped", *found))
     source = f"First rows: {published.SOURCE}. " if paper else ""
     note = (
-        f"{source}An object without a grasp counts 0, but for the rows `if grasped`, the paper's "
-        "way of counting; unseen is similar and novel together. In brackets: 95 % interval, a "
+        f"{source}An object without a grasp counts 0; the rows `if grasped` leave it out, as the "
+        "paper does; unseen is similar and novel together. In brackets: 95 % interval, a "
         "bootstrap over frames."
     )
     return Table(title, ("method", *splits), tuple(body), note, len(paper))
 
 
 def success_table(report: Mapping[str, Any]) -> Table:
-    """Return the success rates by symmetry: the paper's real ones, ours in simulation."""
+    """Return the success rates by symmetry: the paper's on a robot, ours in simulation."""
     body = [
         (method, "", "", *(f"{100 * rate:.0f}" for rate in rates), "")
         for method, rates in published.SUCCESS_RATE.items()
@@ -124,16 +126,16 @@ def success_table(report: Mapping[str, Any]) -> Table:
             body.append((report_row(row).title, key, split, *rates))
     ours = report.get("success_by_friction", {}).get(ALL, {})
     note = f"First rows: {published.SOURCE_ROBOT}. {_success_note(ours)}."
-    title = "Table III. Success rate by symmetry of what is grasped, percent"
+    title = "Table III. Success rate by symmetry of the grasped region, percent"
     header = ("method", "mu", "split", *SUCCESS_KINDS)
     return Table(title, header, tuple(body), note, len(published.SUCCESS_RATE), names=3)
 
 
-def _simulated(report: Mapping[str, Any], what: str) -> dict[str, Mapping[str, Any]]:
-    """Return `success` or `reasons` of the simulated methods, ours first."""
-    key = {"success": "success_by_friction", "reasons": "success_reasons"}[what]
+def _simulated(report: Mapping[str, Any], entry: str) -> dict[str, Mapping[str, Any]]:
+    """Return the `entry`, "success" or "reasons", of the simulated methods, ours first."""
+    key = {"success": "success_by_friction", "reasons": "success_reasons"}[entry]
     others = report.get("success_baselines", {})
-    found = {OURS: report.get(key), **{row: each.get(what) for row, each in others.items()}}
+    found = {OURS: report.get(key), **{row: each.get(entry) for row, each in others.items()}}
     return {row: each for row, each in found.items() if each}
 
 
@@ -146,13 +148,13 @@ def _success_note(by_kind: Mapping[str, Mapping[str, Any]]) -> str:
     }
     counted = ", ".join(f"{kind} {trials[kind]}" for kind in SUCCESS_KINDS if kind in trials)
     return (
-        "Below: in simulation at friction mu of the fingers, with Wilson 95 % intervals; trials of "
-        f"SymGrasp: {counted}"
+        "Rows below: simulation at friction mu of the fingers, with Wilson 95 % intervals; trials "
+        f"of SymGrasp: {counted}"
     )
 
 
 def trial_table(report: Mapping[str, Any]) -> Table | None:
-    """Return what became of the simulated trials, in percent; None where none were."""
+    """Return the outcomes of the simulated trials, in percent; None without trials."""
     cells = [
         (row, key, counts)
         for row, by_split in _simulated(report, "reasons").items()
@@ -165,7 +167,7 @@ def trial_table(report: Mapping[str, Any]) -> Table | None:
     for row, key, counts in cells:
         shares = (f"{100 * counts.get(n, 0) / sum(counts.values()):.0f}" for n in names)
         body.append((report_row(row).title, key, *shares))
-    title = "What became of the simulated trials, percent"
+    title = "Outcomes of the simulated trials, percent"
     return Table(title, ("method", "mu", *names), tuple(body), names=2) if body else None
 
 
@@ -185,23 +187,24 @@ def symmetry_table(rows: ReportRows) -> Table:
         cells = (_number(ap[kind]) if kind != "sphere" else "" for kind in SYMMETRY_KINDS)
         body.append((report_row(OURS).title, f"all, error < {threshold}", *cells))
     note = (
-        f"First rows: {published.SOURCE}. Right is a dense error below 0.25, or a "
-        "sphere's centre within 5 cm; the last rows at stricter errors."
+        f"First rows: {published.SOURCE}. A symmetry is right if its dense error is below 0.25, "
+        "or a sphere's centre within 5 cm; the last rows have stricter errors."
     )
     header = ("method", "split", *SYMMETRY_KINDS)
     return Table("Symmetry, average precision", header, tuple(body), note, len(paper), names=2)
 
 
 def graspnet_table(rows: ReportRows) -> Table | None:
-    """Return AP by GraspNet's protocol by method and split; None of a report without it."""
+    """Return AP by GraspNet's protocol for each method and split; None for reports without AP."""
     body = tuple(
         (report_row(row).title, split, *(_ap(figures, name) for name in AP_FIGURES))
         for row, split, figures in _cells(rows)
         if figures.get("ap") is not None
     )
     note = (
-        "The 50 best grasps of a frame, 10 an object at most; contacts and collisions are exact. "
-        "graspnetAPI's own figures: `symgrasp export`, `symgrasp evaluate --protocol graspnet`."
+        "The 50 best grasps of a frame count, at most 10 per object; contacts and collisions are "
+        "exact. For graspnetAPI's figures run `symgrasp export`, then `symgrasp evaluate "
+        "--protocol graspnet`."
     )
     title = "Average precision of grasps by GraspNet's protocol, percent"
     header = ("method", "split", "AP", "AP 0.8", "AP 0.4")
@@ -228,7 +231,7 @@ def mask_table(rows: ReportRows) -> Table:
 
 
 def reason_table(rows: ReportRows) -> Table:
-    """Return what became of the visible objects, in percent of them."""
+    """Return the outcomes of the visible objects, in percent of the objects."""
     cells = [cell for cell in _cells(rows) if cell[2]["objects"]]
     reasons = [r for r in REASONS if any(figures["reasons"].get(r) for _, _, figures in cells)]
     body = tuple(
@@ -239,7 +242,7 @@ def reason_table(rows: ReportRows) -> Table:
     header = ("method", "split", "objects", *reasons)
     ours = rows.get(OURS, {}).items()
     frames = ", ".join(f"{split} {found['frames']}" for split, found in ours if found["frames"])
-    title = "What became of the objects, percent"
+    title = "Outcomes of the objects, percent"
     return Table(title, header, body, f"Frames: {frames}." if frames else "", names=2)
 
 
@@ -251,7 +254,7 @@ def _cells(rows: ReportRows) -> Iterator[tuple[str, str, Figures]]:
 
 
 def _mean(figures: Mapping[str, Figures], name: str, split: str) -> float | None:
-    """Return a mean over the objects of a split; of `unseen`, of both its parts together."""
+    """Return a mean over the objects of a split; `unseen` is its two parts together."""
     parts = [figures[part] for part in (UNSEEN if split == "unseen" else (split,))]
     counted = [(part[name], _count(part, name)) for part in parts if part.get(name) is not None]
     total = sum(count for _, count in counted)
@@ -259,13 +262,13 @@ def _mean(figures: Mapping[str, Figures], name: str, split: str) -> float | None
 
 
 def _count(figures: Figures, name: str) -> int:
-    """Return how many objects the mean `name` is over."""
+    """Return the number of objects that the mean `name` is over."""
     missing = ("no region", "no grasp") if name.endswith("_predicted") else ()
     return int(figures["objects"] - sum(figures["reasons"].get(reason, 0) for reason in missing))
 
 
 def _between(figures: Figures, name: str, shown: str = ".3f", scale: float = 1.0) -> str:
-    """Return the interval of a figure in brackets; nothing where it has none."""
+    """Return the interval of a figure in brackets; empty if the figure has no interval."""
     ends = figures.get("intervals", {}).get(name)
     return f" ({scale * ends[0]:{shown}} to {scale * ends[1]:{shown}})" if ends else ""
 

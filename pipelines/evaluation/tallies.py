@@ -1,6 +1,6 @@
-"""Frame records added up: what figures need of each prediction, a few bytes, and no more.
+"""Frame records added up: the few bytes of each prediction that the figures need.
 
-So the records of any number of frames go by one scene at a time.
+So any number of frames fits in memory: records are read one scene at a time.
 """
 
 from array import array
@@ -25,21 +25,21 @@ def _floats() -> "array[float]":
 
 @dataclass
 class PredictionTally:
-    """Predictions of one kind, of many frames, each as `ScoredPredictions` has it."""
+    """Predictions of one kind in many frames; fields as in `ScoredPredictions`."""
 
     num_truth: int = 0
     confidence: "array[float]" = field(default_factory=_floats)
     verdicts: dict[str, "array[int]"] = field(default_factory=dict)
 
     def add(self, scored: ScoredPredictions) -> None:
-        """Add one frame's."""
+        """Add the predictions of one frame."""
         self.num_truth += scored.num_truth
         self.confidence.extend(scored.confidence)
         for key, verdicts in scored.verdicts.items():
             self.verdicts.setdefault(key, array("b")).extend(verdicts)
 
     def pooled(self, key: str) -> tuple[Array, Mask, int]:
-        """Return confidences (p,), whether each is right (p,), and the number of truths."""
+        """Return confidences (p,), correctness (p,), and the number of true ones."""
         verdicts = np.array(self.verdicts.get(key, []), np.int8)
         counted = verdicts != IGNORED
         confidence = np.array(self.confidence, np.float64)[: len(counted)]
@@ -48,11 +48,11 @@ class PredictionTally:
 
 @dataclass
 class RowTally:
-    """One method on many frames; the arrays have one entry a visible object and frame.
+    """One method on many frames; arrays have one entry per visible object and frame.
 
     `held_friction`: smallest friction that holds; inf where the grasp fails for any reason.
     `predicted`: 1 where there was a grasp to evaluate. `symmetries`: by kind. `accuracy`: (6,) sums
-    over `with_accuracy` frames by `AP_FRICTIONS`, by GraspNet's protocol.
+    over `with_accuracy` frames at each of `AP_FRICTIONS`, by GraspNet's protocol.
     """
 
     frames: int = 0
@@ -69,7 +69,7 @@ class RowTally:
     with_accuracy: int = 0
 
     def add(self, row: RowRecord) -> None:
-        """Add one frame's."""
+        """Add the record of one frame."""
         self.frames += 1
         for verdict in row.verdicts:
             held = verdict.reason == "held"
@@ -90,8 +90,8 @@ class RowTally:
 class ReportTally:
     """All methods on many frames, by split; the split `all` holds every frame.
 
-    `seconds` that `infer` took, of the frames of which it is known. `masks` of all methods alike,
-    by split; `rows` by method and split.
+    `seconds`: run times of `infer`, of frames with a known time. `masks`: by split, the same for
+    all methods. `rows`: by method and split.
     """
 
     seconds: "array[float]" = field(default_factory=_floats)
@@ -102,7 +102,7 @@ class ReportTally:
 
     @property
     def seconds_per_frame(self) -> float | None:
-        """Median of `seconds`: the first frames of a run wait for loops to be compiled."""
+        """Median of `seconds`, because the first frames of a run wait for compilation."""
         return float(np.median(self.seconds)) if self.seconds else None
 
     @classmethod

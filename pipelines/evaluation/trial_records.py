@@ -1,4 +1,4 @@
-"""`success.trials/*.json`: what became of the trials of a scene, enough to compute any rate again.
+"""`success.trials/*.json`: outcomes of the trials of a scene, enough to compute any rate again.
 
 Records are written scene by scene, so that an interrupted run loses nothing.
 """
@@ -18,7 +18,7 @@ HELD = "held"  # the reason of a trial that succeeded
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a trial, and how the object moved in the gripper from closing to the end."""
+    """The outcome of a trial, and the object's motion in the gripper from closing to the end."""
 
     reason: str  # one of `simulation.trial.TRIAL_OUTCOMES`
     slip: float = 0.0  # metres
@@ -27,16 +27,16 @@ class Outcome:
 
 @dataclass(frozen=True)
 class TrialRecord:
-    """The best grasp on one visible object of a frame."""
+    """The trials of the best grasp on one visible object of a frame."""
 
     object_id: int
-    kind: str  # symmetry of the true region that it is on: sphere, rotation, reflection or none
+    kind: str  # symmetry of the true region under the grasp: sphere, rotation, reflection or none
     outcomes: dict[str, Outcome]  # by `number_key`
 
 
 @dataclass(frozen=True)
 class FrameTrials:
-    """All trials of one frame: of our grasps, and of `baselines`, those of other methods."""
+    """All trials of one frame: `trials` of our grasps, `baselines` of other methods."""
 
     name: str
     split: str
@@ -51,7 +51,7 @@ class FrameTrials:
 
 
 def trials_folder(success: Path) -> Path:
-    """Return where the trials of `success`, a `success.json`, lie, one file a scene."""
+    """Return the folder of the trials of `success`, a `success.json`, one file per scene."""
     return success.with_suffix(".trials")
 
 
@@ -69,7 +69,7 @@ def read_trials(path: Path) -> list[FrameTrials]:
     """Read the trials of one scene.
 
     Raises:
-        FormatError: not written by `write_trials`.
+        FormatError: the file was not written by `write_trials`.
     """
     content = read_json(path)
     with reading(path, "the record of a scene's trials", "delete it and run `simulate` again"):

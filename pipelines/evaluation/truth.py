@@ -1,4 +1,4 @@
-"""The ground truth of a frame of a GraspNet root, as the metrics want it."""
+"""The ground truth of a frame of a GraspNet root, as input of the metrics."""
 
 from dataclasses import dataclass, field
 
@@ -22,21 +22,21 @@ from pipelines.metrics.mesh_collision import MeshCollider
 from pipelines.metrics.symmetry_matching import TrueRegion
 from pipelines.storage.files import existing
 
-SURFACE_POINTS = 20000  # a point every 2 mm on an object of the size of a hand
-ERROR_POINTS = 500  # of a region, that the dense symmetry error is averaged over
-MIN_ERROR_POINTS = 20  # fewer do not span a region
+SURFACE_POINTS = 20000  # one point per 2 mm on an object of the size of a hand
+ERROR_POINTS = 500  # points of a region that the dense symmetry error is averaged over
+MIN_ERROR_POINTS = 20  # fewer points do not span a region
 
 
 @dataclass(frozen=True)
 class FrameTruth:
-    """What is true of one frame."""
+    """The ground truth of one frame."""
 
     split: str  # seen, similar, novel or train
     label: NDArray[np.uint8 | np.uint16]  # (H, W) object id + 1, 0 = background
     visible: list[int]  # ids of the objects that count, ascending
     scene: TrueScene  # meshes, poses, table, surroundings
-    instances: list[RegionInstance]  # symmetric regions that are visible, with their masks
-    regions: list[TrueRegion]  # the same, as the symmetry metrics want them
+    instances: list[RegionInstance]  # visible symmetric regions, with their masks
+    regions: list[TrueRegion]  # the same regions, as input of the symmetry metrics
 
 
 @dataclass
@@ -76,7 +76,7 @@ class TruthReader:
         return self._objects[object_id]
 
     def affordance(self, object_id: int) -> AffordanceLabels:
-        """Return what `refine-grasps` found of an object."""
+        """Return the affordance of an object that `refine-grasps` wrote."""
         if object_id not in self._affordance:
             path = existing(self.root.affordance_path(object_id), "symgrasp refine-grasps")
             self._affordance[object_id] = affordance_labels.read(path)
@@ -89,7 +89,7 @@ class TruthReader:
         poses: dict[int, Array],
         visible: list[int],
     ) -> list[RegionInstance]:
-        """Return the regions of visible objects that are themselves large enough to count."""
+        """Return the regions of visible objects that have `min_visible_pixels` or more."""
         objects = {i: read_regioned_object(self.root.root, i) for i in visible}
         found = visible_regions(label, intrinsics, sorted(poses.items()), objects)
         return [i for i in found if i.mask.sum() >= self.config.min_visible_pixels]
@@ -102,10 +102,10 @@ class TruthReader:
 
 
 def region_points(instance: RegionInstance, scene: TrueScene, intrinsics: Intrinsics) -> Array:
-    """Return (n, 3) points, camera frame, of the object's true surface that stand for a region.
+    """Return (n, 3) points, camera frame, of the object's true surface that represent a region.
 
-    They are what faces the camera and projects into the region's mask; what the object itself
-    hides is among them. Where these are too few, they are points of the whole object.
+    These points face the camera and project into the region's mask, also where the object itself
+    hides them. If they are too few, points of the whole object are returned.
     """
     target, pose = scene.objects[instance.object_id], scene.poses[instance.object_id]
     points, normals = transform_points(pose, target.points), rotate_vectors(pose, target.normals)

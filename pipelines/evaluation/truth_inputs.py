@@ -11,7 +11,7 @@ from pipelines.storage.files import existing
 from pipelines.storage.provenance import digest, digest_folder, digest_text
 
 LABELS = {"symmetry": "*.json", "regions": "*.json"}
-# Colour and depth images are the input of `infer`, no ground truth; they are gigabytes.
+# Without colour and depth images: these are gigabytes, input of `infer` and no ground truth.
 SCENE_FOLDERS = {**POSES, "label": "*.png"}
 
 
@@ -20,7 +20,7 @@ def truth_digests(
 ) -> dict[str, str]:
     """Return digests by kind.
 
-    With `baselines`, of `affordance/` and the weights of the grasp critic too: the oracle's.
+    With `baselines` also of `affordance/` and of the grasp critic's weights: the oracle uses both.
     """
     scenes = list(scenes)
     labels = LABELS | ({"affordance": "*.h5"} if baselines else {})

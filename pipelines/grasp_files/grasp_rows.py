@@ -17,10 +17,10 @@ from pipelines.storage.files import read_npy, write_npz
 from pipelines.storage.provenance import Stamp, stamp_ahead
 
 COLUMNS = 17
-SAME = 1e-5  # entries of a rotation this near to an exact one are left as they are
-MAX_SKEW = 1e-3  # of a rotation as float16 rounds it; beyond this it is none
-LENGTHS = (3, 13, 14, 15)  # columns; widths are cut anyway and heights ignored
-FARTHEST = 1e6  # metres; what is farther off than this was not measured
+SAME = 1e-5  # a rotation with all entries this near to an exact rotation is left unchanged
+MAX_SKEW = 1e-3  # largest error of a rotation's entries, as float16 rounds; beyond is no rotation
+LENGTHS = (3, 13, 14, 15)  # columns; without widths, which are limited, and heights, ignored
+FARTHEST = 1e6  # metres; no measured length is larger
 VERDICT_ARRAYS = (
     "min_friction",
     "min_friction_grid",
@@ -37,24 +37,24 @@ VERDICT_ARRAYS = (
 class GraspRows:
     """Rows of a file."""
 
-    rows: Array  # (n, 17) float64; those that are no grasps are zero but for a unit rotation
-    faults: dict[int, str]  # which rows are no grasps, with the reason
-    straightened: Mask  # (n,) whose rotations were a little off and have been made exact
+    rows: Array  # (n, 17) float64; rows that are no grasps are zero, with a unit rotation
+    faults: dict[int, str]  # row that is no grasp to the reason
+    straightened: Mask  # (n,) whether an inexact rotation has been made exact
 
 
 def read_grasp_rows(
     path: Path, *, max_width: float | None = None, max_skew: float = MAX_SKEW
 ) -> GraspRows:
-    """Read grasp rows; rotations a little off are made exact, rows that are none are named.
+    """Read grasp rows; make inexact rotations exact, and list the rows that are no grasps.
 
     Args:
         path: `.npy`.
-        max_width: widths are cut to 0 and this, in the file's precision; if None they stay, and
-            a negative one is a fault.
-        max_skew: largest error of a rotation's entries that is made good.
+        max_width: widths are limited to 0 and `max_width`, in the file's precision; if None,
+            widths stay, and a negative width is a fault.
+        max_skew: largest error of a rotation's entries that is corrected.
 
     Raises:
-        FormatError: not a plain array of 17 columns.
+        FormatError: the file is not a plain array of 17 columns.
     """
     stored = _numbers(path)
     if max_width is not None:
@@ -96,6 +96,6 @@ def _numbers(path: Path) -> Floats:
 
 
 def write_verdicts(path: Path, arrays: dict[str, NDArray[np.generic]], stamp: Stamp) -> None:
-    """Write one array for each of `VERDICT_ARRAYS`, and the stamp beside them."""
+    """Write one array for each of `VERDICT_ARRAYS`, and the stamp next to the file."""
     stamp_ahead(path, stamp)
     write_npz(path, compress=True, **{name: arrays[name] for name in VERDICT_ARRAYS})

@@ -1,7 +1,7 @@
-"""`grasps.h5`: what `infer` found in a batch of frames, one columnar file (formats.md).
+"""`grasps.h5`: the results of `infer` on a batch of frames, one columnar file (formats.md).
 
-While a run goes on, each frame lies in a file of its own, a shard of the same layout, under
-`<grasps.h5>.parts/`; a run that was killed reads these and does only what is missing.
+During a run each frame has its own file, a shard of the same layout, in `<grasps.h5>.parts/`;
+after a killed run, the next run reads the shards and works only on the missing frames.
 """
 
 import hashlib
@@ -57,7 +57,7 @@ UNITS = {
         ("translation", "width", "contacts", "clearance", "enclosed_height"), "m"
     ),
 }
-ADDED = {  # columns, by the version that brought them; `existence` was the confidence before 2
+ADDED = {  # version to the columns that it added; before 2, `existence` was the confidence
     2: ("symmetry_confidence", "ranker"),
     3: ("rank_in_frame", "worth_trying"),
     4: ("status",),
@@ -84,7 +84,7 @@ def write(
 def write_attributes(
     file: h5py.File, stamp: Stamp, weights: Mapping[str, str] | None = None
 ) -> None:
-    """Write what `write` says of a run into the open `file`."""
+    """Write the attributes of a run into the open `file`."""
     weights = stamp.inputs if weights is None else weights
     for name, value in (
         ("format_version", FORMAT_VERSION),
@@ -100,10 +100,10 @@ def write_attributes(
 
 @contextmanager
 def opened(path: Path) -> Iterator[h5py.File]:
-    """Yield the open file, checked; what HDF5 finds damaged in it later is a FormatError too.
+    """Yield the open file, checked; damage that HDF5 finds later is a FormatError too.
 
     Raises:
-        FormatError: not a whole grasps.h5 of the versions known here.
+        FormatError: the file is no complete grasps.h5 of a known version.
     """
     try:
         with open_h5(path) as file:
@@ -129,19 +129,19 @@ def _check_file(path: Path, file: h5py.File) -> None:
             raise FormatError(path, f"columns of /{group} disagree", "run infer again")
     start, runs = file["regions/mask_start"], file["regions/mask_counts"]
     if len(start) != len(file["regions/frame"]) + 1 or start[0] != 0 or start[-1] != len(runs):
-        raise FormatError(path, "its masks do not fill mask_counts", "run infer again")
+        raise FormatError(path, "the masks do not fill mask_counts", "run infer again")
 
 
 def stored_columns(file: h5py.File) -> dict[str, list[str]]:
-    """Return the names of the columns that a file of its version holds, by group."""
+    """Return the names of the columns in a file of this version, by group."""
     version = int(attribute(file, "format_version"))
     missing = [name for since, names in ADDED.items() if since > version for name in names]
     columns = {group: [n for n in names if n not in missing] for group, names in SCHEMA.items()}
-    return columns | {"frames": list(FrameTable.SPEC)}  # whose `status` is of all versions
+    return columns | {"frames": list(FrameTable.SPEC)}  # all versions have `status` of frames
 
 
 def complete_columns(regions: dict[str, Any], grasps: dict[str, Any], file: h5py.File) -> None:
-    """Add the columns that older versions lack, from what the open `file` says of its run."""
+    """Add the columns that older versions lack, from the attributes of the open `file`."""
     regions.setdefault("status", np.full(len(regions["box"]), REGION_MEASURED, object))
     grasps.setdefault("symmetry_source", np.full(len(grasps["width"]), "", object))
     if "symmetry_confidence" not in regions:
@@ -163,7 +163,7 @@ def file_attributes(file: h5py.File) -> dict[str, Any]:
     """Return the attributes of an open file, `config` and `weights` as JSON objects.
 
     Raises:
-        FormatError: one of the two is something else.
+        FormatError: one of the two is no JSON object.
     """
     path = Path(file.filename)
     found = {name: attribute(file, name) for name in file.attrs}
@@ -171,7 +171,7 @@ def file_attributes(file: h5py.File) -> dict[str, Any]:
 
 
 def stored_intrinsics(size: NDArray[Any], intrinsics: NDArray[Any]) -> Intrinsics | None:
-    """Return the camera of a row of `/frames`; None where it could not be read."""
+    """Return the camera of a row of `/frames`; None if the frame could not be read."""
     width, height = size.tolist()
     if width == 0:
         return None
@@ -185,7 +185,7 @@ def parts_folder(path: Path) -> Path:
 
 
 def shard_path(path: Path, frame_name: str) -> Path:
-    """Return where the shard of a frame lies while `path` is being made."""
+    """Return the path of a frame's shard of the output `path`."""
     safe = quote(frame_name, safe="")
     if len(safe) > LONGEST_SHARD_NAME:
         safe = safe[-LONGEST_SHARD_NAME:] + hashlib.sha256(frame_name.encode()).hexdigest()[:16]
@@ -193,10 +193,10 @@ def shard_path(path: Path, frame_name: str) -> Path:
 
 
 def read_shard(path: Path) -> FrameResult:
-    """Read one frame's result, just as it was written.
+    """Read the result of one frame from its shard.
 
     Raises:
-        FormatError: the file holds not exactly one frame, or is damaged.
+        FormatError: the file does not hold exactly one frame, or is damaged.
     """
     with opened(path) as file:
         file_attributes(file)
@@ -206,10 +206,10 @@ def read_shard(path: Path) -> FrameResult:
 
 
 def read_result(path: Path, file: h5py.File, frame: int) -> FrameResult:
-    """Read the frame with the place `frame` of the open file `path`.
+    """Read the frame with the index `frame` of the open file `path`.
 
     Raises:
-        FormatError: its rows are damaged, or disagree.
+        FormatError: the rows of the frame are damaged, or disagree.
     """
     try:
         return _read_frame(file, frame)
@@ -252,7 +252,7 @@ def _slice(group: h5py.Group, names: Iterable[str], start: int, end: int) -> dic
 
 
 def remove_shards(path: Path) -> None:
-    """Remove the shards of `path`, once it is written."""
+    """Remove the shards of the output `path`."""
     folder = parts_folder(path)
     if folder.is_dir():
         shutil.rmtree(folder)

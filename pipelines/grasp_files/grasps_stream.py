@@ -1,7 +1,7 @@
-"""`grasps.h5` a few frames at a time: memory does not grow with the number of frames.
+"""Reading and writing of `grasps.h5` a few frames at a time, with constant memory.
 
-The tables of a file are sorted by frame, so the rows of a frame are found by bisection and only
-these are read. To write, the rows of all shards are counted first, then filled in.
+The tables of a file are sorted by frame, so bisection finds the rows of a frame and only these
+rows are read. For writing, the rows of all shards are counted first, then filled in.
 """
 
 import os
@@ -51,14 +51,14 @@ BATCH = 64  # frames in memory while shards are put together
 
 @dataclass(frozen=True)
 class GraspsIndex:
-    """What a file holds, without its grasps: names and states of its frames, and attributes."""
+    """The contents of a file without its grasps: names and statuses of frames, attributes."""
 
     names: list[str]
     statuses: list[str]  # ok, empty or failed, of each frame
     messages: list[str]  # why a frame is empty or has failed
     num_grasps: int  # of all frames together
     attrs: Mapping[str, Any]
-    stamp: Mapping[str, Any]  # of the run that wrote it, as JSON
+    stamp: Mapping[str, Any]  # of the run that wrote the file, as JSON
 
     @property
     def gripper(self) -> str:
@@ -71,10 +71,10 @@ class GraspsIndex:
         return self.attrs["config"].get("method") not in FRAME_PEERS
 
     def dataset_names(self, path: Path) -> list[str]:
-        """Return the names of all frames as `infer ROOT` names them, of the file at `path`.
+        """Return the names of all frames of the file at `path`, relative to the dataset's root.
 
-        Of `infer ROOT/scenes/scene_0100` they begin further down; the folder that was given says
-        of which scene they are. Names that are of no GraspNet layout stay.
+        The frames of `infer ROOT/scenes/scene_0100` have shorter names; the recorded folder gives
+        the missing part. Names that do not have GraspNet's layout stay.
         """
         frames = mapping_in(self.stamp, "recorded").get("frames", "")
         folder = os.path.normpath(real_path(path).parent / str(frames))
@@ -90,7 +90,7 @@ def read_index(path: Path) -> GraspsIndex:
     """Read the names of all frames and the attributes.
 
     Raises:
-        FormatError: not a grasps.h5, of another version, truncated, or inconsistent.
+        FormatError: the file is no grasps.h5, has another version, is truncated or inconsistent.
     """
     with opened(path) as file:
         columns = read_columns(path, file["frames"], ["name", "status", "message"])
@@ -102,10 +102,10 @@ def read_index(path: Path) -> GraspsIndex:
 
 
 def read_results(path: Path, frames: Iterable[int]) -> Iterator[FrameResult]:
-    """Yield the frames with the given places in the file, one in memory at a time.
+    """Yield the frames with the given indices in the file, one in memory at a time.
 
     Raises:
-        FormatError: as `read_index`.
+        FormatError: as in `read_index`.
     """
     with opened(path) as file:
         for frame in frames:
@@ -113,7 +113,7 @@ def read_results(path: Path, frames: Iterable[int]) -> Iterator[FrameResult]:
 
 
 def read_dataset_frames(path: Path, frames: Iterable[int]) -> Iterator[FrameResult]:
-    """Yield frames as `read_results`, named as `GraspsIndex.dataset_names`."""
+    """Yield frames as in `read_results`, with the names of `GraspsIndex.dataset_names`."""
     frames = list(frames)
     names = read_index(path).dataset_names(path)
     for place, result in zip(frames, read_results(path, frames), strict=True):
@@ -123,12 +123,12 @@ def read_dataset_frames(path: Path, frames: Iterable[int]) -> Iterator[FrameResu
 def places_by_scene(
     path: Path, index: GraspsIndex, root: GraspNetRoot
 ) -> dict[SceneFiles, list[int]]:
-    """Return the places of the frames of each scene and camera, in the order of their names.
+    """Return the places of the frames of each scene and camera, in the order of scene names.
 
-    What `infer` failed on and the dataset does not know, a stray picture, is left out.
+    A frame that failed in `infer` and is not in the dataset, a stray picture, is left out.
 
     Raises:
-        SymgraspError: `path` holds no frames, or some that are not of the dataset.
+        SymgraspError: `path` holds no frames, or frames that are not of the dataset.
     """
     scenes: dict[SceneFiles, list[int]] = defaultdict(list)
     for place, name in enumerate(index.dataset_names(path)):
@@ -152,7 +152,7 @@ def merge_shards(
     weights: Mapping[str, str] | None = None,
     check: Callable[[], None] = lambda: None,
 ) -> None:
-    """Write the file that `grasps_file.write` would of the frames `parts`, shards or results.
+    """Write the frames `parts`, shards or results, as `grasps_file.write` would.
 
     `check`: called between parts; if it raises, nothing is written.
 
@@ -172,7 +172,7 @@ def merge_shards(
 
 
 def _sizes(parts: Sequence[FrameResult | Path], check: Callable[[], None]) -> dict[str, int]:
-    """Return the rows of each group of `parts` together, and of `mask_counts`."""
+    """Return the number of rows of all `parts` in each group and in `mask_counts`."""
     sizes = np.zeros(3, np.int64)
     for part in parts:
         check()
@@ -185,7 +185,7 @@ def _sizes(parts: Sequence[FrameResult | Path], check: Callable[[], None]) -> di
 
 
 def shard_sizes(path: Path) -> tuple[int, ...]:
-    """Return how many regions, grasps and runs of masks a shard holds; the rest is not looked at.
+    """Return the numbers of regions, grasps and mask runs of a shard; check nothing else.
 
     Raises:
         FormatError: the shard is damaged.
@@ -199,14 +199,14 @@ def shard_sizes(path: Path) -> tuple[int, ...]:
 
 
 def shard_tables(path: Path) -> Tables:
-    """Return the columns of one frame's shard, as `tables_of` gives them for that frame.
+    """Return the columns of one frame's shard, equal to `tables_of` for that frame.
 
-    A shard that is just as `grasps_file.write` leaves it is read by HDF5's own handles, several
-    times faster than a frame. Any other is left to `read_shard`, which takes what can be taken, or
-    says what is wrong.
+    A shard exactly as written by `grasps_file.write` is read by HDF5's low-level handles, several
+    times faster than by `read_shard`. Any other shard is left to `read_shard`, which reads it or
+    names its fault.
 
     Raises:
-        FormatError: as `read_shard`.
+        FormatError: as in `read_shard`.
     """
     try:
         with open_h5(path) as file:
@@ -217,12 +217,12 @@ def shard_tables(path: Path) -> Tables:
 
 
 def _columns_of_shard(file: h5py.File) -> Tables | None:
-    """Return the columns of a shard of this version; None if something about them is otherwise.
+    """Return the columns of a shard of this version; None if anything differs from the format.
 
     Raises:
-        SymgraspError: they disagree.
+        SymgraspError: the columns disagree.
     """
-    attrs = file_attributes(file)  # all of them: what cannot be read is damaged
+    attrs = file_attributes(file)  # reads all attributes, to find damage
     if int(attrs["format_version"]) != FORMAT_VERSION:
         return None
     tables: Tables = {}
@@ -243,7 +243,7 @@ def _columns_of_shard(file: h5py.File) -> Tables | None:
 
 
 def _make_columns(file: h5py.File, sizes: Mapping[str, int]) -> None:
-    """Make the datasets of a file, in the order and of the types of one that holds no frames."""
+    """Make the datasets of a file, with the order and types of `NO_FRAMES`."""
     for group, columns in NO_FRAMES.items():
         made = file.create_group(group)
         for name, column in columns.items():
@@ -253,7 +253,7 @@ def _make_columns(file: h5py.File, sizes: Mapping[str, int]) -> None:
 
 
 def _fill(file: h5py.File, tables: Tables, done: dict[str, int]) -> None:
-    """Write `tables` behind the rows that are `done`, and count them."""
+    """Write `tables` after the `done` rows, and add their rows to `done`."""
     regions, grasps = tables["regions"], tables["grasps"]
     regions["frame"] += done["frames"]
     grasps["frame"] += done["frames"]

@@ -1,4 +1,4 @@
-"""Summary of a finished `grasps.h5`: how many grasps on how many frames, and why some have none."""
+"""Summary of a finished `grasps.h5`: numbers of grasps and frames, reasons of empty frames."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -6,14 +6,14 @@ from pathlib import Path
 
 from pipelines.grasp_files.grasps_stream import read_index
 
-NAMED = 5  # frames that a sentence names
+NAMED = 5  # largest number of frames that a sentence names
 
 
 @dataclass(frozen=True)
 class GraspsSummary:
     """Counts of a file, and its frames without a grasp."""
 
-    frames: int  # those that failed too
+    frames: int  # including failed frames
     grasps: int
     empty: dict[str, str]  # name of a frame without a grasp -> reason
     failed: int
@@ -34,7 +34,7 @@ def summary_of(path: Path) -> GraspsSummary:
     """Return the summary of the `grasps.h5` at `path`.
 
     Raises:
-        FormatError: it is no whole grasps.h5.
+        FormatError: the file is no complete grasps.h5.
     """
     index = read_index(path)
     frames = list(zip(index.names, index.statuses, index.messages, strict=True))

@@ -1,7 +1,7 @@
-"""The tables of `grasps.h5`: regions, grasps, and what became of each frame.
+"""The tables of `grasps.h5`: frames with their status, regions, and grasps.
 
 Camera frame (OpenCV axes), metres, float32. Every table coerces its columns to the file's types
-when it is made, so that what is written and read again is what it was.
+when it is made, so that writing and reading change no value.
 """
 
 import hashlib
@@ -33,8 +33,8 @@ class RegionTable(ColumnTable):
     frame: NDArray[Any] = table_column((), np.int32)  # index into the frames
     box: NDArray[Any] = table_column((4,), np.float32)  # x0, y0, x1, y1 pixels, x1 and y1 exclusive
     confidence: NDArray[Any] = table_column((), np.float32)  # the detector's, 0..1
-    # The network's probability of each slot, nan without it; belief in the symmetries below, after
-    # their fit. Points in metres, directions unit; nan where there is none.
+    # Existence is the network's probability of each slot, nan without a network; confidence is the
+    # belief after the fit. Points in metres, directions unit; nan without a symmetry.
     existence: NDArray[Any] = table_column((NUM_SLOTS,), np.float32)
     symmetry_confidence: NDArray[Any] = table_column((NUM_SLOTS,), np.float32)
     symmetry_point: NDArray[Any] = table_column((NUM_SLOTS, 3), np.float32)
@@ -44,7 +44,7 @@ class RegionTable(ColumnTable):
     source: NDArray[Any] = table_column((), np.object_)  # detector, geometric, color or masks
     status: NDArray[Any] = table_column((), np.object_)  # measured, flat or no_depth
     mask_counts: NDArray[Any]  # u4 (sum,) run lengths of all masks, see masks_rle.py
-    mask_start: NDArray[Any]  # i8 (r + 1,) where each mask's runs start and end
+    mask_start: NDArray[Any]  # i8 (r + 1,) start and end of each mask's runs
 
     def __post_init__(self) -> None:
         coerce_columns(self, self.SPEC, len(self.box))
@@ -59,7 +59,7 @@ class RegionTable(ColumnTable):
     def from_masks(cls, masks: Sequence[Mask], **columns: ArrayLike) -> "RegionTable":
         """Return the table of one frame's regions, given their masks (H, W) and other `columns`.
 
-        `existence` is nan where it is not given, `status` measured.
+        Without these columns `existence` is nan, `status` measured.
         """
         runs = [encode_mask(mask) for mask in masks]
         usual: dict[str, Any] = {
@@ -104,10 +104,10 @@ class GraspTable(ColumnTable):
     enclosed_height: NDArray[Any] = table_column((), np.float32)  # metres, h of Eq. 8
     rank_score: NDArray[Any] = table_column((), np.float32)  # expected quality, or s of Eq. 8
     ranker: NDArray[Any] = table_column((), np.object_, optional=True)  # critic or eq8
-    is_best: NDArray[Any] = table_column((), np.bool_)  # the one best of its region
+    is_best: NDArray[Any] = table_column((), np.bool_)  # the best grasp of its region
     rank_in_frame: NDArray[Any] = table_column((), np.int32, optional=True)  # 0 = first
     worth_trying: NDArray[Any] = table_column((), np.bool_, optional=True)  # by score
-    # network, shape or both; empty without symmetry, or where it is not known
+    # network, shape or both; empty without symmetry, or where the source is unknown
     symmetry_source: NDArray[Any] = table_column((), np.object_, optional=True)
 
     def __post_init__(self) -> None:
@@ -133,13 +133,13 @@ class GraspTable(ColumnTable):
         return len(self.width)
 
     def taken(self, index: slice | NDArray[Any]) -> "GraspTable":
-        """Return the grasps `index`, in its order."""
+        """Return the grasps `index`, in that order."""
         return GraspTable(**{name: getattr(self, name)[index] for name in self.SPEC})
 
 
 @dataclass(frozen=True, kw_only=True)
 class FrameTable(ColumnTable):
-    """What became of each of f frames."""
+    """Name, status and camera of each of f frames."""
 
     name: NDArray[Any] = table_column((), np.object_)  # relative to the folder given
     status: NDArray[Any] = table_column((), np.object_)  # ok, empty (nothing to grasp) or failed
@@ -165,7 +165,7 @@ NO_FRAMES: Tables = {
 
 @dataclass(frozen=True)
 class FrameResult:
-    """What `infer` found in one frame; indices of its tables are local to the frame."""
+    """The results of `infer` on one frame; indices in the tables are local to the frame."""
 
     name: str
     status: str  # ok, empty or failed
@@ -191,11 +191,11 @@ class FrameResult:
 
 
 def ranks_in_frame(frame: NDArray[Any], rank_score: NDArray[Any]) -> NDArray[np.int32]:
-    """Return (g,) the place of each grasp in the order of its frame's scores, 0 the highest.
+    """Return (g,) the rank of each grasp by score in its frame, 0 for the highest score.
 
     Args:
         frame: (g,) index of the frame, ascending.
-        rank_score: (g,); of grasps that tie, the earlier one is first.
+        rank_score: (g,); of grasps with equal scores, the earlier is first.
     """
     order = np.lexsort((-rank_score, frame))
     ranks = np.empty(len(order), np.int32)
@@ -204,12 +204,12 @@ def ranks_in_frame(frame: NDArray[Any], rank_score: NDArray[Any]) -> NDArray[np.
 
 
 def are_worth_trying(ranker: NDArray[Any], rank_score: NDArray[Any], least: float) -> Mask:
-    """Return (g,) which grasps score `least` or more; of Eq. 8, which expects nothing, all."""
+    """Return (g,) whether grasps score `least` or more; True by Eq. 8, no predicted quality."""
     return np.asarray((ranker != "critic") | (rank_score >= np.float32(least)))
 
 
 def result_digest(result: FrameResult) -> str:
-    """Return a digest of all that was found in a frame; not of the time that it took."""
+    """Return a digest of all results of a frame, without its run time."""
     parts = [repr((result.name, result.status, result.message, result.intrinsics)).encode()]
     for table, group in ((result.regions, "regions"), (result.grasps, "grasps")):
         for name in SCHEMA[group]:
@@ -220,7 +220,7 @@ def result_digest(result: FrameResult) -> str:
 
 
 def tables_of(results: Sequence[FrameResult]) -> Tables:
-    """Return the columns of `results` in order, by group; indices count from the first of them."""
+    """Return the columns of `results` in order, by group; indices count over all results."""
     return joined_tables([_tables_of_frame(result) for result in results])
 
 
@@ -242,7 +242,7 @@ def _tables_of_frame(result: FrameResult) -> Tables:
 
 
 def joined_tables(tables: Sequence[Tables]) -> Tables:
-    """Return the columns of frames in order; indices count from the first of them."""
+    """Return the columns of all frames in order; indices count over all frames."""
     counted = (("regions", "frame"), ("grasps", "frame"), ("regions", "mask_counts"))
     counts = np.array([[len(t[group][name]) for group, name in counted] for t in tables], np.int64)
     counts = counts.reshape(-1, len(counted))

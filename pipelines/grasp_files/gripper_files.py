@@ -1,4 +1,4 @@
-"""Gripper presets and users' own grippers, as TOML."""
+"""Gripper presets and users' grippers, as TOML."""
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
@@ -20,20 +20,20 @@ def preset_names() -> list[str]:
 
 
 def gripper_digest(name_or_path: str) -> str:
-    """Return a digest of a gripper's measures, not of its name; errors as `load_gripper`."""
+    """Return a digest of a gripper's measures, not of its name; errors as in `load_gripper`."""
     return digest_text(repr(replace(load_gripper(name_or_path), name="")))
 
 
 def gripper_to_use(wanted: str, used: str, stamp: Mapping[str, Any]) -> str:
-    """Return the gripper that grasps are looked at with: the one `wanted`, else their own.
+    """Return the gripper to evaluate grasps with: `wanted`, else the gripper of the grasps.
 
     Args:
         wanted: preset or TOML file; empty if none was named.
-        used: the one that the grasps were found for.
-        stamp: of the run that found them, as JSON.
+        used: gripper that the grasps were found for.
+        stamp: of the run that found the grasps, as JSON.
 
     Raises:
-        SymgraspError: it is not known; or none was named and theirs is gone, or is not what it was.
+        SymgraspError: `wanted` is unknown; or it is empty and `used` is missing or has changed.
     """
     if wanted:
         load_gripper(wanted)
@@ -44,16 +44,16 @@ def gripper_to_use(wanted: str, used: str, stamp: Mapping[str, Any]) -> str:
             return used
         why = "has other measures now"
     else:
-        why = "is not there any more, or not below this folder"
+        why = "no longer exists or is not below this folder"
     raise SymgraspError(f"gripper {used}, which the grasps were found for, {why}; name a --gripper")
 
 
 def load_gripper(name_or_path: str) -> Gripper:
-    """Return the preset of that name, or the gripper of that TOML file.
+    """Return the gripper of a preset's name or of a TOML file.
 
     Raises:
-        UnknownNameError: neither a preset nor a file.
-        FormatError: the file is not TOML, or its keys are not a gripper's.
+        UnknownNameError: there is neither a preset nor a file of this name.
+        FormatError: the file is not TOML, or its keys are not the keys of a gripper.
     """
     path = Path(name_or_path)
     if not path.suffix:

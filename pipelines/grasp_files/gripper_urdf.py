@@ -1,8 +1,8 @@
 """The measures of a parallel gripper, from its URDF.
 
-Taken are the two links that slide (prismatic joints, one of which may mimic the other), and the
-link they slide on with all that is fixed to it: the palm. Each is measured by the bounds of its
-collision bodies, of its visual ones where it has none.
+The fingers are the two links that slide (prismatic joints, one of which may mimic the other). The
+palm is the link that they slide on, with all links fixed to it. Each part is measured by the bounds
+of its collision bodies, or of its visual bodies if it has no collision bodies.
 """
 
 from collections.abc import Iterator
@@ -22,14 +22,14 @@ from pipelines.geometry.transforms import make_pose, transform_points, unit
 from pipelines.grasping.gripper import Gripper
 from pipelines.storage.files import existing, real_path
 
-WRITE_BY_HAND = "a parallel gripper has two that slide; of others write the eleven measures by hand"
+WRITE_BY_HAND = "a gripper with two sliding joints is expected; else write the eleven measures"
 MAX_LINKS = 1000
-SQUARE = 0.9  # least cosine between a finger's way and an axis of the palm's frame
+SQUARE = 0.9  # smallest cosine between a finger's motion and an axis of the palm's frame
 
 
 @dataclass(frozen=True)
 class _Joint:
-    """A joint: `T_parent_joint` (4, 4) at position 0, and `axis` (3,) of a sliding one."""
+    """A joint: `T_parent_joint` (4, 4) at position 0, and `axis` (3,) of a sliding joint."""
 
     kind: str
     parent: str
@@ -48,11 +48,11 @@ def read_urdf_gripper(
         path: of the URDF, of the gripper alone or of an arm with it.
         tip_reach: metres by which the tips are to pass the contacts.
         clearance: metres between a contact and an open finger.
-        base_link: link whose origin is the mounting face; empty for the one the fingers slide on.
+        base_link: link with its origin on the mounting face; empty for the fingers' parent link.
 
     Raises:
-        FormatError: no URDF, no two sliding fingers, a mesh that is missing, or measures that no
-            gripper has.
+        FormatError: the file is no URDF, has not two sliding fingers, lacks a mesh, or gives
+            measures that no gripper has.
     """
     try:
         root = parse_urdf(existing(path)).getroot()
@@ -65,10 +65,10 @@ def read_urdf_gripper(
         raise FormatError(path, "describes no robot", "a URDF is expected")
     joints = [_joint(path, joint) for joint in root.findall("joint")]
     if len({joint.child for joint in joints}) < len(joints):
-        raise FormatError(path, "has a link that hangs on two joints", "a tree is expected")
+        raise FormatError(path, "has a link with two parent joints", "a tree is expected")
     fingers = [joint for joint in joints if joint.kind == "prismatic"]
     if len(fingers) != 2:
-        raise FormatError(path, f"has {len(fingers)} joints that slide", WRITE_BY_HAND)
+        raise FormatError(path, f"has {len(fingers)} sliding joints", WRITE_BY_HAND)
     base = base_link or fingers[0].parent
     if base not in links:
         raise FormatError(path, f"has no link {base!r}", f"its links: {', '.join(links)[:300]}")
@@ -85,12 +85,12 @@ class _Bodies:
     joints: list[_Joint]
 
     def placed(self, link: str, T: Array, share: float) -> Iterator[tuple[bool, Array]]:
-        """Yield whether it is a finger's, and points (n, 3), of `link` and what hangs on it.
+        """Yield points (n, 3) of `link` and of its child links, each with whether it is a finger.
 
         Args:
-            link: its name.
+            link: name.
             T: (4, 4), link to base.
-            share: of the sliding joints' ways, 0 the lower limit, 1 the upper.
+            share: position of the sliding joints, 0 at the lower limit, 1 at the upper limit.
         """
         points = self._points(self.links[link])
         if len(points):
@@ -127,7 +127,7 @@ class _Bodies:
         return transform_points(_origin(self.path, body), points)
 
     def _mesh(self, name: str) -> Path:
-        """Return the file of a mesh, sought beside the URDF and in the folders above it."""
+        """Return the file of a mesh, sought next to the URDF and in the folders above."""
         plain = name.removeprefix("file://")
         below = plain.removeprefix("package://")
         inside = below.partition("/")[2] if below != plain else below
@@ -136,14 +136,14 @@ class _Bodies:
                 if place and (folder / place).is_file():
                     return folder / place
         raise FormatError(
-            self.path, f"names a mesh that is not there: {name[:200]}", "put it there"
+            self.path, f"names a missing mesh, {name[:200]}", "add the mesh, or correct its name"
         )
 
 
 def _measured(
     path: Path, name: str, bodies: _Bodies, base: str, tip_reach: float, clearance: float
 ) -> Gripper:
-    """Return the gripper whose bodies are placed about the link `base`."""
+    """Return the gripper measured on `bodies`, in the frame of the link `base`."""
     closing = _closing(path, bodies, base)
     at = [list(bodies.placed(base, np.eye(4), share)) for share in (0.0, 1.0)]
     if not all(any(is_finger for is_finger, _ in each) for each in at):
@@ -176,12 +176,12 @@ def _measured(
 
 
 def _facing(path: Path, fingers: list[Array]) -> tuple[float, Array]:
-    """Return the gap between the fingers of both sides, and the points (n, 3) of the second side.
+    """Return the gap between the two fingers, and the points (n, 3) of the second finger.
 
     `fingers`: points of each body, axes approach, closing and their cross product.
 
     Raises:
-        FormatError: all are on one side.
+        FormatError: all bodies are on one side.
     """
     centre = float(np.mean([points[:, 1].mean() for points in fingers]))
     sides: tuple[list[Array], list[Array]] = ([], [])
@@ -197,7 +197,7 @@ def _closing(path: Path, bodies: _Bodies, base: str) -> Array:
     """Return the axis of the base's frame that the fingers slide along.
 
     Raises:
-        FormatError: they slide along no axis of it.
+        FormatError: the fingers slide along no axis of this frame.
     """
     joint = next(each for each in bodies.joints if each.kind == "prismatic")
     if joint.parent != base:
@@ -244,7 +244,7 @@ def _vector(path: Path, text: str | None, default: tuple[float, float, float]) -
         return np.array(default, np.float64)
     values = np.array([_number(path, part) for part in text.split()[:4]])
     if values.shape != (3,):
-        raise FormatError(path, f"has {text[:80]!r} for three numbers", "x y z is expected")
+        raise FormatError(path, f"has the vector {text[:80]!r}", "three numbers are expected")
     return values
 
 
@@ -254,5 +254,5 @@ def _number(path: Path, text: str | None) -> float:
     except ValueError:
         value = np.nan
     if not np.isfinite(value):
-        raise FormatError(path, f"has {str(text)[:80]!r} for a number", "a number is expected")
+        raise FormatError(path, f"has the value {str(text)[:80]!r}", "a number is expected")
     return value

@@ -1,1 +1,1 @@
-"""From a frame to its grasps: models, regions, and many frames at once."""
+"""Computation of a frame's grasps: models, regions, and work on many frames."""

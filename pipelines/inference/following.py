@@ -1,4 +1,4 @@
-"""The frames that come into a folder, worked on as they come, and the output of all so far."""
+"""Work on frames as they arrive in a folder, and the output of all frames so far."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -25,10 +25,10 @@ from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_bat
 
 log = logging.getLogger(__name__)
 
-LONGEST_PAUSE = 1.0  # seconds until a signal is heeded
-LONGEST_END = 5.0  # seconds that the output may take after a signal
-WRITING_SHARE = 9  # the output's time is waited this many times, as it grows with all frames
-LISTING_SHARE = 4  # a listing's time is waited this many times, so that large folders cost little
+LONGEST_PAUSE = 1.0  # seconds until a signal takes effect
+LONGEST_END = 5.0  # seconds that writing the output may take after a signal
+WRITING_SHARE = 9  # pause after writing the output, times the writing, which grows with all frames
+LISTING_SHARE = 4  # pause after a listing, times the listing, so that large folders cost little
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,11 @@ class Followed:
     """The result of one frame.
 
     Attributes:
-        name: the frame's.
+        name: name of the frame.
         status: `ok`, `empty` or `failed`.
-        grasps: how many were found.
-        seconds: from when its files were last seen to change until its results could be read.
-        text: the file of its results, or why there is none.
+        grasps: number of grasps.
+        seconds: from the last seen change of the frame's files until the results can be read.
+        text: the file of the results, or the reason why there is none.
     """
 
     name: str
@@ -51,7 +51,7 @@ class Followed:
 
 
 class _TakesTooLong(Exception):  # noqa: N818 - it ends a thread of ours
-    """The output is not put together before the process has to end."""
+    """The output is not complete before the process has to end."""
 
 
 @dataclass
@@ -63,8 +63,8 @@ class Follower:
     options: BatchOptions
     notify: Callable[[Followed], None]
     clock: Clock
-    # The same for all frames: the C library keeps what a thread gave back for the next thread, and
-    # new threads for each two frames came to hold 150 MB more so.
+    # The same threads for all frames: the C library keeps memory that a thread frees, and new
+    # threads for each two frames held 150 MB more.
     threads: Executor
     beside: Executor
     items: dict[str, WorkItem] = field(default_factory=dict)
@@ -72,11 +72,11 @@ class Follower:
     pending: dict[str, tuple[Arrival, WorkItem, str]] = field(default_factory=dict)  # put off
     report: StageReport = field(default_factory=lambda: StageReport(STAGE))
     listed: Sequence[FrameSource] = ()
-    is_changed: bool = False  # since the output was put together
-    writing: Future[None] | None = None  # while it is
-    begun: float = 0.0  # when that began, the last time
-    rested: float = 0.0  # when it may begin again
-    deadline: float = inf  # by which it must have ended
+    is_changed: bool = False  # whether frames changed since the output was written
+    writing: Future[None] | None = None  # while the output is written
+    begun: float = 0.0  # time when the last writing began
+    rested: float = 0.0  # time when the next writing may begin
+    deadline: float = inf  # time when the writing must have ended
 
     def __post_init__(self) -> None:
         self.watcher = Watcher(self.watch)
@@ -85,10 +85,11 @@ class Follower:
         self.started = self.active = self.clock.now()
 
     def begin(self, *, overwrite: bool) -> None:
-        """Take up what an earlier run left, and load the networks.
+        """Take over the shards of an earlier run, and load the networks.
 
         Raises:
-            StaleOutputError: that run had other settings, or its frames are lost.
+            StaleOutputError: the earlier run had other settings.
+            SymgraspError: frames of the earlier run are missing.
         """
         self.listed = self.work.find(may_be_empty=True)
         if overwrite:
@@ -101,7 +102,7 @@ class Follower:
         self.started = self.active = self.clock.now()
 
     def go_on(self) -> None:
-        """Look once; work on what is whole, or wait."""
+        """List the folder once; work on the complete frames, or wait."""
         looked = self.clock.now()
         arrivals = self._arrivals()
         if arrivals:
@@ -118,14 +119,14 @@ class Follower:
         self.clock.wait(min(pause, LONGEST_PAUSE))
 
     def is_timed_out(self) -> bool:
-        """Return whether no frame came or changed for as long as the user would wait."""
+        """Return whether no frame came or changed for `timeout` seconds."""
         if self.watcher.is_waiting():
             return False
         active = max(self.active, self.watcher.last_change() or self.active)
         return self.clock.now() - active >= self.watch.timeout
 
     def end(self, *, is_stopped: bool) -> StageReport:
-        """Put the output together and return the report; if it `is_stopped`, do not take long."""
+        """Write the output and return the report; if `is_stopped`, within `LONGEST_END` seconds."""
         self.deadline = self.clock.now() + (LONGEST_END if is_stopped else inf)
         names = {source.name for source in self.listed}
         for name in sorted(names & set(self.pending)):
@@ -137,8 +138,8 @@ class Follower:
             self._await_output()
         except _TakesTooLong:
             log.warning(
-                "%s is not of all frames: that would take over %g s; the same command without "
-                "--watch puts it together",
+                "%s does not hold all frames, as writing it takes over %g s; run the same command "
+                "without --watch to complete it",
                 self.work.output,
                 LONGEST_END,
             )
@@ -149,10 +150,10 @@ class Follower:
     def _arrivals(self) -> list[Arrival]:
         try:
             self.listed = self.lister.look(self.clock.now())
-        except (SymgraspError, OSError) as error:  # the folder may be back in a moment
+        except (SymgraspError, OSError) as error:  # the folder may soon be back
             log.warning("cannot look for frames: %s", error)
             return []
-        # A frame that has gone since it could not be read keeps the result that it had.
+        # A frame that is gone after a failed reading keeps its earlier result.
         names = {source.name for source in self.listed}
         self.pending = {name: each for name, each in self.pending.items() if name in names}
         return self.watcher.look(self.listed, self.clock.now())
@@ -160,11 +161,11 @@ class Follower:
     def _work_on(self, arrivals: Sequence[Arrival]) -> None:
         items = self.work.items([arrival.source for arrival in arrivals])
         if any(item.name in self.items for item in items):
-            self._await_output()  # which is made of the parts that are now written anew
+            self._await_output()  # it reads the shards that are now overwritten
         finished = [item for item in items if has_shard(item)]
         todo = [item for item in items if item not in finished]
         step = partial(infer_frame, settings=self.work.settings)
-        # Over the shards of earlier files: these stay until there is another result.
+        # Shards of earlier files are overwritten only once there is a new result.
         options = replace(self.options, overwrite=True)
         report = run_batch(STAGE, todo, step, options, self.threads)
         self.report.notes.update(report.notes)
@@ -177,14 +178,14 @@ class Follower:
                 self._keep(item, self.report.skipped)
             else:
                 if sentence is not None:
-                    item.target.unlink(missing_ok=True)  # of files that are no more
+                    item.target.unlink(missing_ok=True)  # a shard of earlier files
                 self._conclude(item.name, arrival, item, sentence)
         found = [(item, item.target, 0) for item in finished]
         for name, why in draw_missing(self.work.settings, found, self.options).items():
             log.warning("%s: %s", name, why)
 
     def _conclude(self, name: str, arrival: Arrival, item: WorkItem, sentence: str | None) -> None:
-        """Note and report the result of a frame; `sentence` says why it failed, if it did."""
+        """Note and report the result of a frame; `sentence`: reason of its failure, or None."""
         seconds = self.clock.now() - arrival.since
         if sentence is not None:
             self._keep(item, [])
@@ -205,9 +206,9 @@ class Follower:
             names.append(item.name)
 
     def _put_together(self) -> None:
-        """Write the output of all frames so far, as `infer` would order them; those gone first.
+        """Start writing the output of all frames so far: removed frames first, then as in `infer`.
 
-        It takes a hundredth of a second a frame, in which the next one is not to wait.
+        Writing takes 0.01 s per frame, and runs in a thread so that the next frame does not wait.
         """
         self._await_output()
         self._forget_lost()
@@ -225,14 +226,14 @@ class Follower:
             raise _TakesTooLong
 
     def _forget_lost(self) -> None:
-        """Leave out the frames whose parts somebody removed, rather than fail without them."""
+        """Leave out the frames whose shards were removed by others, instead of failing."""
         for name in set(self.items) - set(self.failed):
             if not self.items[name].target.exists():
-                log.warning("%s: its part is not there any more, it is left out", name)
+                log.warning("%s: its shard is missing, the frame is left out", name)
                 del self.items[name]
 
     def _await_output(self) -> None:
-        """Wait until the output is put together, if it is being so; raise its error."""
+        """Wait until the output is written, if it is being written; raise errors of the writing."""
         writing, self.writing = self.writing, None
         if writing is not None:
             writing.result()

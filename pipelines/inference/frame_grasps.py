@@ -1,4 +1,4 @@
-"""One frame in, its regions and ranked grasps out."""
+"""Planning of one frame: its regions and ranked grasps."""
 
 import time
 from dataclasses import dataclass, replace
@@ -50,20 +50,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Planner:
-    """The planner of whole frames; without networks where these are None.
+    """The planner of whole frames; an unused network is None.
 
     Attributes:
         config: settings of `infer`.
-        gripper: that grasps.
+        gripper: the gripper of the grasps.
         detector: of regions.
         predictor: of affordance and symmetries.
         symmetry_critics: score the symmetries that are fitted to a region.
         grasp_critic: scores grasps.
-        peer: a compared method, which finds the grasps instead, in the whole frame.
-        symmetry_peer: a compared method, which finds the symmetries instead; they are not fitted.
+        peer: compared method that finds the grasps instead, in the whole frame.
+        symmetry_peer: compared method that finds the symmetries instead; these are not fitted.
 
     Raises:
-        SymgraspError: a network predicts symmetries, and a critic that the settings want is
+        SymgraspError: a network predicts symmetries, and a critic that the settings require is
             missing.
     """
 
@@ -82,7 +82,7 @@ class Planner:
             return
         needs_critics = selection.symmetry.is_fitted and self.symmetry_peer is None
         if needs_critics and self.symmetry_critics is None:
-            raise SymgraspError("fitted symmetries need critics of them, or symmetry.is_fitted=no")
+            raise SymgraspError("fitted symmetries need critics, or symmetry.is_fitted=no")
         if selection.ranking.uses_critic and self.grasp_critic is None:
             raise SymgraspError("ranked grasps need a grasp critic, or ranking.by=eq8")
 
@@ -95,8 +95,8 @@ class Planner:
     ) -> FrameResult:
         """Return the regions and grasps of `frame`.
 
-        `masks` (H, W) are the user's instance ids, `workspace` (H, W) the pixels where they allow
-        grasps; None for found regions and for everywhere.
+        `masks`: (H, W) the user's instance ids; None for found regions. `workspace`: (H, W) pixels
+        where the user allows grasps; None for everywhere.
         """
         started = time.monotonic()
         seen = observe(
@@ -109,7 +109,7 @@ class Planner:
         else:
             regions, plans = plans_of_whole(self.peer, frame, seen, self.gripper, self.config, rng)
             kept, ranker = replace(self.config, max_grasps_per_region=MOST_GRASPS), OWN_SCORE
-            reason = f"{self.config.method} finds no grasp that is sure enough and allowed"
+            reason = f"{self.config.method} finds no allowed grasp with a sufficient score"
         grasps = grasp_table(plans, kept, ranker)
         return FrameResult(
             name=frame.name,
@@ -149,7 +149,7 @@ class Planner:
 
     @property
     def _knows_symmetries(self) -> bool:
-        """Whether grasps rest on symmetries."""
+        """Whether grasps are planned from symmetries."""
         by_network = self.predictor is not None and self.config.method != "random"
         return by_network or self.symmetry_peer is not None
 
@@ -172,7 +172,7 @@ class Planner:
         return plans
 
     def _predicted(self, clouds: list[RegionCloud], seen: Observation) -> list[PredictedRegion]:
-        """Return what the network, or a compared method, says of `clouds`."""
+        """Return the predictions of the network, or of a compared method, for `clouds`."""
         if self.symmetry_peer is not None:
             return compared_regions(clouds, seen.scene, seen.color, self.symmetry_peer)
         assert self.predictor is not None
@@ -181,11 +181,11 @@ class Planner:
     def _taken_apart(
         self, regions: list[Region], plans: list[Plan], seen: Observation, rng: np.random.Generator
     ) -> tuple[list[Region], list[Plan]]:
-        """Return regions and plans; detections without a symmetric grasp by pieces (D. 97).
+        """Return regions and plans, with detections without symmetric grasps in pieces (D. 97).
 
-        Such a region's symmetries and grasps are those of its largest piece, if that has grasps;
-        other pieces that have some become regions of their own. A single piece takes the place of
-        its detection (D. 145).
+        Such a detection takes symmetries and grasps of its largest piece, if that piece has grasps;
+        other pieces with grasps become separate regions. A single piece replaces its detection
+        (D. 145).
         """
         config, labels = self.config, seen.segments.labels
         if not self._knows_symmetries or config.regions != "auto":
@@ -209,7 +209,7 @@ class Planner:
         return regions, plans
 
     def _piecewise(self, plan: Plan, mask: Mask, seen: Observation) -> Plan:
-        """Return planar grasps of the geometric pieces of a region that has none as a whole."""
+        """Return planar grasps on a geometric piece of a region that has no grasps as a whole."""
         inside, scene = self.config.min_piece_inside, seen.scene
         for piece in seen.segments.masks if self.config.regions != "detector" else ():
             if np.count_nonzero(piece & mask) < inside * np.count_nonzero(piece):

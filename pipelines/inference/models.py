@@ -1,4 +1,4 @@
-"""The networks and critics of `infer`, each loaded once a process."""
+"""The networks and critics of `infer`, each loaded once per process."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _LOADING = RLock()  # several threads may work on frames
 
 
 def _once(load: Load) -> Load:
-    """Return `load` as it loads the same once, and one at a time."""
+    """Return `load` with a cache and a lock: each argument is loaded once, one at a time."""
     kept = lru_cache(maxsize=4)(load)
 
     @wraps(load)
@@ -66,7 +66,7 @@ def detector(path: Path, device: str) -> RegionDetector:
 def predictor(path: Path, device: str, mirrored: bool = False) -> GraspPredictor:
     """Return the grasp network of the weights `path`.
 
-    `mirrored`: it sees each region and its mirror image (D. 101).
+    `mirrored`: the network also sees the mirror image of each region (D. 101).
     """
     from pipelines.network.predictor import GraspPredictor  # noqa: PLC0415 - torch is slow to load
 
@@ -101,29 +101,29 @@ def uses_gpu(device: str) -> bool:
     if device != "auto":
         return device != "cpu"
     if sys.platform == "linux" and not any(Path(driver).exists() for driver in DRIVERS):
-        return False  # to load torch takes seconds
+        return False  # loading torch takes seconds
     from pipelines.network.devices import find_device  # noqa: PLC0415 - slow to load
 
     return find_device(device).type != "cpu"
 
 
 class _OneThreadEach(AbstractContextManager[None]):
-    """The threads within `one_thread_each`, and the numbers that the last to leave gives back.
+    """The threads within `one_thread_each`, and the thread counts that the last one restores.
 
-    Torch keeps a number for each thread, the others one for the process, which threadpoolctl lets
-    one thread alone change; so control is taken from whoever has it.
+    Torch keeps a thread count for each thread; the other libraries keep one for the process, which
+    threadpoolctl lets only one thread change. So control is taken from that thread.
     """
 
     def __init__(self) -> None:
         self._lock = Lock()
-        self._depth: Counter[int] = Counter()  # of each thread that is within
-        self._torch, self._images = 1, 1  # numbers of threads before
-        self._products: Any = None  # what limits matrix products
+        self._depth: Counter[int] = Counter()  # by thread, number of open contexts
+        self._torch, self._images = 1, 1  # thread counts before
+        self._products: Any = None  # the limit of matrix products
 
     def __enter__(self) -> None:
         import torch  # noqa: PLC0415 - slow to load
 
-        own = torch.get_num_threads()  # the first call gives a thread its number
+        own = torch.get_num_threads()  # the first call sets the thread's count
         torch.set_num_threads(1)
         with self._lock:
             if not self._depth:
@@ -146,23 +146,22 @@ class _OneThreadEach(AbstractContextManager[None]):
                 OpenBLASController.clear_controlling_thread(force=True)
                 self._products.restore_original_limits()
                 OpenBLASController.clear_controlling_thread()
-            torch.set_num_threads(self._torch)  # last: restoring sets OpenMP's too
+            torch.set_num_threads(self._torch)  # last, because restoring sets OpenMP's count too
 
 
 _LIMIT = _OneThreadEach()
 
 
 def one_thread_each() -> AbstractContextManager[None]:
-    """Let each call of a network, of OpenCV or of numpy's matrix products use one core.
+    """Return a context in which networks, OpenCV and numpy's matrix products use one core.
 
-    Frames are worked on side by side instead, each thread within a `one_thread_each` of its own.
-    What several threads add up differs in the last bits, and they wait for each other longer than
-    they work.
+    Frames run in parallel instead, each thread within its `one_thread_each`. Sums over several
+    threads differ in the last bits, and such threads wait for each other longer than they work.
     """
     return _LIMIT
 
 
 @lru_cache(maxsize=1)
 def _matrix_products() -> ThreadpoolController:
-    """Return the libraries behind numpy's matrix products; to look for them takes a while."""
+    """Return the libraries behind numpy's matrix products; the search takes a while."""
     return ThreadpoolController()

@@ -1,8 +1,8 @@
-"""The observation of one frame, from which every method plans its grasps.
+"""The observation of one frame, from which every method plans grasps.
 
-Sparse depth is filled, the support plane and the regions are found, and each region becomes points:
-once and in one way. So `infer`, the baselines it is compared with and the training of its critics
-see the same points of the same regions, and differ only in what they make of these.
+Sparse depth is filled, the support plane and the regions are found, and each region is turned into
+points. `infer`, the compared baselines and the training of the critics all start from the same
+points of the same regions.
 """
 
 from collections.abc import Sequence
@@ -36,20 +36,20 @@ from pipelines.tabletop.sparse_depth import filled
 if TYPE_CHECKING:
     from pipelines.network.detection.detector import RegionDetector
 
-MIN_MEASURED = 0.1  # share of a region's pixels with depth below which it counts as without
+MIN_MEASURED = 0.1  # smallest share of pixels with depth of a region that counts as measured
 
 
 @dataclass(frozen=True)
 class Observation:
-    """One frame, observed. Camera frame, metres.
+    """The observation of one frame; camera frame, metres.
 
     Attributes:
         color: (H, W, 3) RGB.
         scene: depth without the holes of sparse sensors, support plane, limits of grasps.
         segments: the pieces that the depth alone shows.
-        regions: in the order in which they were found.
+        regions: in the order of detection.
         clouds: the points of each of `regions`.
-        too_small: how many more regions there are with fewer than `min_region_pixels`.
+        too_small: number of further regions with fewer than `min_region_pixels`.
     """
 
     color: NDArray[np.uint8]
@@ -60,7 +60,7 @@ class Observation:
     too_small: int = 0
 
     def in_workspace(self) -> tuple[list[Region], list[RegionCloud]]:
-        """Return the regions of which a point lies in the workspace, and their points."""
+        """Return the regions with a point in the workspace, and their points."""
         limits = self.scene.limits
         if limits is None:
             return self.regions, self.clouds
@@ -82,18 +82,18 @@ def observe(
 
     Args:
         frame: colour and depth, 0 where missing.
-        config: how regions are found, and what grasps must keep to.
+        config: settings for finding regions, and limits of grasps.
         rng: for the search of the support plane.
-        detector: of regions; None for those that the depth alone shows.
+        detector: of regions; None for regions by depth alone.
         masks: (H, W) instance ids of the user, 0 = background, instead of found regions.
         workspace: (H, W) pixels where grasps are allowed; None for everywhere.
-        regions: (H, W) each, where another run found them: none are looked for.
+        regions: masks (H, W) from another run, instead of found regions.
 
     Raises:
-        ValueRangeError: `config.limits` are in the frame of a table that is not seen.
+        ValueRangeError: `config.limits` are in the table frame, and no table is found.
     """
     depth, lens = filled(frame.depth), frame.intrinsics
-    # An instance of the user's is no support: without depth beside all of them no plane is known.
+    # The user's instances are no support: a plane needs depth outside of the instances.
     ground = None if masks is None else masks == 0
     segments = geometric_regions(depth, lens, config.region, rng, ground)
     limits = Limits.of(config.limits, workspace, segments.plane, lens)
@@ -118,14 +118,14 @@ def observe(
 def _color_pieces(
     color: NDArray[np.uint8], segments: GeometricRegions, config: ColorConfig
 ) -> ColorPieces:
-    """Return the pieces of colour of `color` (H, W, 3), found at the working size."""
+    """Return the pieces of uniform colour in `color` (H, W, 3), found at the working size."""
     step = working_step(segments.bare.shape)
     found = color_pieces(color[::step, ::step], segments.bare[::step, ::step], config)
     return replace(found, labels=enlarged(found.labels, segments.bare.shape))
 
 
 def _status(cloud: RegionCloud, segments: GeometricRegions) -> str:
-    """Return whether the depth of a region shows a thing, the bare table, or hardly anything."""
+    """Return the status of a region: measured, flat on the table, or without depth."""
     if len(cloud) < max(MIN_POINTS, MIN_MEASURED * np.count_nonzero(cloud.mask)):
         return REGION_NO_DEPTH
     if segments.plane is None:
@@ -136,15 +136,15 @@ def _status(cloud: RegionCloud, segments: GeometricRegions) -> str:
 
 
 def why_empty(seen: Observation, mask_pixels: int | None = None) -> str:
-    """Return why no region of a frame has a grasp.
+    """Return the reason why no region of a frame has a grasp.
 
-    `mask_pixels`: how many an instance of the user's masks needs; None where there are no masks.
+    `mask_pixels`: smallest number of pixels of an instance in the user's masks; None without masks.
     """
     if mask_pixels is None:
         return _of_regions(seen)
     total = len(seen.regions) + seen.too_small
     if not total:
-        return "the masks show no instance; the pixels of each have its number, from 1"
+        return "the masks contain no instance; number the pixels of each instance, from 1"
     reasons = [_of_regions(seen)] if seen.regions else []
     if seen.too_small:
         small = f"{seen.too_small} of {total} instances of the masks were dropped as too small"
@@ -153,7 +153,7 @@ def why_empty(seen: Observation, mask_pixels: int | None = None) -> str:
 
 
 def _where(seen: Observation) -> str:
-    """Return where the regions lie, as a box in the workspace's frame; of a mask in pixels too."""
+    """Return a sentence on the place of the regions, as a box in the frame of the workspace."""
     limits, clouds = seen.scene.limits, [cloud for cloud in seen.clouds if len(cloud)]
     if limits is None or not clouds:
         return "they have no depth"
@@ -162,19 +162,19 @@ def _where(seen: Observation) -> str:
     spans = zip("xyz", low, high, strict=True)
     frame = "camera" if np.array_equal(limits.T_box_cam, np.eye(4)) else "table"
     metres = ", ".join(f"{axis} {a:.2f} to {b:.2f}" for axis, a, b in spans)
-    return f"their middles lie at {metres} m in the {frame}'s frame; see `symgrasp workspace`"
+    return f"their middles are at {metres} m in the {frame} frame; see `symgrasp workspace`"
 
 
 def _of_regions(seen: Observation) -> str:
     clouds, limits = seen.clouds, seen.scene.limits
     if clouds and all(len(cloud) < MIN_POINTS for cloud in clouds):
-        measured = f"no depth, or too little, was measured in {len(clouds)} regions"
+        measured = f"too little depth was measured in {len(clouds)} regions"
         return f"{measured}; a region needs {MIN_POINTS} points"
     if not clouds:
         return "nothing stands out from its support; is an object within reach of the camera?"
     inside = len(seen.in_workspace()[0])
     if not inside:
-        return f"none of {len(clouds)} regions lies in the workspace; {_where(seen)}"
+        return f"none of {len(clouds)} regions is in the workspace; {_where(seen)}"
     if limits is not None:
-        return f"none of {inside} regions in the workspace has a grasp within the limits given"
+        return f"none of {inside} regions in the workspace has a grasp within the given limits"
     return f"none of {inside} regions has a grasp that the gripper reaches without collision"

@@ -1,7 +1,7 @@
-"""Pictures of frames whose grasps are there already.
+"""Pictures of frames with grasps from an earlier run.
 
-A frame's picture is drawn as its grasps are found. Where an earlier run found them, it is drawn
-from its results, unless the picture that is there is stamped as theirs.
+A frame's picture is normally drawn when its grasps are found. If an earlier run found the grasps,
+the picture is drawn from that run's results, unless an existing picture has their stamp.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -14,11 +14,11 @@ from pipelines.inference.work import STAGE, overlay_path, writing
 from pipelines.pictures.overlays import is_drawn, write_overlay
 from pipelines.runtime.batch import BatchOptions, WorkItem, run_batch
 
-Found = tuple[WorkItem, Path, int]  # a frame; the `grasps.h5` of its results, and their place there
+Found = tuple[WorkItem, Path, int]  # a frame, the `grasps.h5` of its results, their index there
 
 
 def of_output(output: Path, items: Sequence[WorkItem]) -> Iterator[Found]:
-    """Yield the frames of `output`, which was made of `items`, but those that failed."""
+    """Yield the frames of `output`, which was made from `items`, without failed frames."""
     for place, status in enumerate(read_index(output).statuses):
         if status != "failed":
             yield items[place], output, place
@@ -27,10 +27,10 @@ def of_output(output: Path, items: Sequence[WorkItem]) -> Iterator[Found]:
 def draw_missing(
     settings: Settings, frames: Iterable[Found], options: BatchOptions
 ) -> dict[str, str]:
-    """Draw the pictures of `frames` that are not there, or of other results, where any are wanted.
+    """Draw the pictures of `frames` that are missing or show other results, if any are wanted.
 
     Returns:
-        Why a frame has no picture, by its name.
+        The reason why a frame has no picture, by frame name.
 
     Raises:
         WriteError: no space or no permission to write.
@@ -43,11 +43,11 @@ def draw_missing(
         for item, results, place in frames
         if not is_drawn(path := overlay_path(folder, item.name), item.stamp)
     ]
-    # Not in threads: one in OpenCV, when another's fault ends the program, would not let it end.
+    # No threads: after an error in one thread, another thread within OpenCV would block the exit.
     workers = 1 if options.backend == "threading" else max(1, options.workers)
-    beside = replace(options, overwrite=True, workers=workers)
-    failed = run_batch(f"{STAGE}: pictures", todo, _draw, beside).failed
-    return {name: f"its grasps are found, not its picture: {why}" for name, why in failed.items()}
+    drawing = replace(options, overwrite=True, workers=workers)
+    failed = run_batch(f"{STAGE}: pictures", todo, _draw, drawing).failed
+    return {name: f"has grasps but no picture: {why}" for name, why in failed.items()}
 
 
 def _draw(item: WorkItem) -> None:

@@ -16,12 +16,12 @@ from pipelines.inference.regions import Region
 
 @dataclass(frozen=True)
 class Plan:
-    """The grasps of one region, with the predictions that they rest on.
+    """The grasps of one region, with the predictions that give the grasps.
 
     Attributes:
         grasps: best first.
-        symmetries: of the region; None where none were predicted.
-        predicted: by the network, before the fit; None where nothing was.
+        symmetries: of the region; None without a prediction.
+        predicted: by the network, before the fit; None without a prediction.
     """
 
     grasps: RankedGrasps
@@ -35,18 +35,18 @@ class Plan:
 
     @property
     def existence(self) -> Array:
-        """(5,) the network's probability of each symmetry slot; nan where none was predicted."""
+        """Probability (5,) of each symmetry slot by the network; nan without a prediction."""
         return np.full(5, np.nan) if self.predicted is None else self.predicted.slots.existence
 
     def sources(self, slot: Indices) -> NDArray[np.object_]:
-        """Return (n,) the source of the symmetry in each `slot` (n,); empty where it is none."""
+        """Return (n,) the source of the symmetry in each `slot` (n,); empty for slot -1."""
         if self.symmetries is None:
             return np.full(len(slot), "", object)
         return np.where(slot >= 0, self.symmetries.source[slot], "").astype(object)
 
     @property
     def affordance(self) -> Array:
-        """(n,) of the region's points; nan where none was predicted."""
+        """Affordance (n,) of the region's points; nan without a prediction."""
         return np.array([np.nan]) if self.predicted is None else self.predicted.affordance
 
 
@@ -68,12 +68,12 @@ def region_table(regions: list[Region], plans: list[Plan]) -> RegionTable:
 
 
 def grasp_table(plans: list[Plan], config: InferConfig, ranker: str) -> GraspTable:
-    """Return the best grasps of each region as columns, the first of each marked best.
+    """Return the best grasps of each region as columns; the first grasp of a region is marked best.
 
     Args:
         plans: of each region.
-        config: how many of a region are kept, and the scores that leave out and mark grasps.
-        ranker: of their scores, `critic` or `eq8`.
+        config: number of grasps kept per region, and score limits for keeping and for marking.
+        ranker: origin of the scores, `critic`, `eq8` or `own`.
     """
     good = [plan.grasps[~(plan.grasps.rank_score < config.min_score)] for plan in plans]
     kept = [grasps[: config.max_grasps_per_region] for grasps in good]
@@ -101,7 +101,7 @@ def grasp_table(plans: list[Plan], config: InferConfig, ranker: str) -> GraspTab
 
 
 def why_weak(plans: list[Plan]) -> str:
-    """Return that all grasps of the regions of a frame score too low; empty if there are none."""
+    """Return a sentence that all grasps of a frame score too low; empty without grasps."""
     scores = np.concatenate([np.zeros(0), *(plan.grasps.rank_score for plan in plans)])
     if not len(scores):
         return ""

@@ -1,4 +1,4 @@
-"""The models of the regions of one frame: predictions of the network, fitted (Sec. III-E)."""
+"""The models of the regions of one frame: fitted predictions of the network (Sec. III-E)."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -19,20 +19,20 @@ from pipelines.grasping.symmetries.grounding import SymmetryCritics, ground_symm
 if TYPE_CHECKING:
     from pipelines.network.predictor import GraspPredictor
 
-NUM_FITTED_POINTS = 1500  # of a region that are grasped without a network, as many as with one
+NUM_FITTED_POINTS = 1500  # points of a region to grasp without a network, as many as with one
 
-# A compared method: the symmetries, camera frame, of a region; colours (H, W, 3) are the frame's.
+# A compared method: returns the symmetries, camera frame, of a region, given colours (H, W, 3).
 RegionMethod = Callable[[RegionCloud, SceneCloud, NDArray[np.uint8]], SymmetrySlots]
 
 
 @dataclass(frozen=True)
 class PredictedRegion:
-    """A region as the network sees it.
+    """The network's prediction for a region.
 
     Attributes:
-        cloud: the n points that it looked at.
+        cloud: the n input points of the network.
         affordance: (n,) 0 to 1.
-        slots: its symmetries, averaged over the points; camera frame.
+        slots: symmetries of the region, averaged over the points; camera frame.
     """
 
     cloud: RegionCloud
@@ -71,7 +71,7 @@ def region_models(
     config: SelectionConfig,
     critics: SymmetryCritics | None,
 ) -> list[RegionModel]:
-    """Return the models of all regions of a frame; without critics, symmetries as predicted."""
+    """Return the models of all regions of a frame; without critics, symmetries are not fitted."""
     symmetries = [each.slots for each in predicted]
     if critics is not None:
         others = scene, critics, config.symmetry.candidates
@@ -92,18 +92,18 @@ def mean_slots(existence: Floats, point: Floats, direction: Floats) -> SymmetryS
     Args:
         existence: (n, 5) probabilities.
         point: (n, 5, 3) metres.
-        direction: (n, 5, 3) unit; that of the sphere is not looked at.
+        direction: (n, 5, 3) unit; the sphere's is ignored.
     """
     slots = SymmetrySlots.of((), "network")
     slots.existence[:], slots.point[:] = existence.mean(axis=0), point.mean(axis=0)
-    flat = direction.reshape(len(direction), -1)  # each coordinate in one piece, next
+    flat = direction.reshape(len(direction), -1)  # transposed below: contiguous coordinates
     by_slot = np.ascontiguousarray(flat.T, np.float64).reshape(*direction.shape[1:], -1)
     slots.direction[:SPHERE_SLOT] = _leading_directions(by_slot[:SPHERE_SLOT])
     return slots
 
 
 def _leading_directions(directions: Array) -> Array:
-    """Return the unit axes (s, 3) of `directions` (s, 3, n), whose signs do not matter."""
+    """Return the mean axes (s, 3), unit, of `directions` (s, 3, n), independent of their signs."""
     scatter = (directions * (1 / directions.shape[2])) @ directions.swapaxes(1, 2)
     axes: Array = np.linalg.eigh(scatter)[1][..., 2]
     largest = np.take_along_axis(axes, np.abs(axes).argmax(axis=1, keepdims=True), axis=1)

@@ -1,4 +1,4 @@
-"""The regions of one frame: from the detector, from the depth alone, both, or the user's masks."""
+"""The regions of one frame: from the detector, the depth alone, both, or the user's masks."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
 Depth = NDArray[np.float32]
 
-REST = "rest"  # source of the region of grasps that lie on no other
+REST = "rest"  # source of the region of grasps on no other region
 SOURCES = "masks", "detector", "geometric", "color"  # the most certain first
-CONFINED = 0.6  # share of a region within a segment that may complete it
-MIN_STRIPS = 0.02  # share of a detection in other segments than its own
+CONFINED = 0.6  # smallest share of a region within a segment that may complete the region
+MIN_STRIPS = 0.02  # smallest share of a detection outside of its segment that is cut off
 MARGIN = 21  # pixels, of the working size, by which masks of detections may be too small
 
 
@@ -33,11 +33,11 @@ class Region:
     """A region to grasp.
 
     Attributes:
-        mask: (H, W) its pixels.
+        mask: (H, W) pixels of the region.
         confidence: 0 to 1, of the detector.
-        source: `detector`, `geometric`, `color` or `masks`; `rest` for what lies beside them all.
-        status: `measured`; `flat` where its depth is that of the table, as far as noise allows to
-            tell; `no_depth` where hardly any depth was measured.
+        source: `detector`, `geometric`, `color` or `masks`; `rest` for pixels of no other region.
+        status: `measured`; `flat` if its depth cannot be distinguished from the table's;
+            `no_depth` if hardly any depth was measured.
     """
 
     mask: Mask
@@ -47,7 +47,7 @@ class Region:
 
     @property
     def is_graspable(self) -> bool:
-        """Whether grasps are looked for: not where colour alone shows that there is a thing."""
+        """Whether grasps are sought: not where colour alone shows the region."""
         return self.source != "color" or self.status == REGION_MEASURED
 
 
@@ -60,11 +60,11 @@ def find_regions(
     detector: "RegionDetector | None",
     masks: NDArray[np.int32] | None,
 ) -> tuple[list[Region], int]:
-    """Return the regions of a frame, and how many more are below `min_region_pixels`.
+    """Return the regions of a frame, and the number of regions below `min_region_pixels`.
 
-    `color` is (H, W, 3) RGB, `depth` (H, W) metres, 0 = missing. `segments` are the pieces that the
-    depth alone shows. With `masks`, (H, W) the user's instance ids, 0 = background, nothing else is
-    found.
+    `color`: (H, W, 3) RGB. `depth`: (H, W) metres, 0 = missing. `segments`: the pieces that the
+    depth alone shows. `masks`: (H, W) the user's instance ids, 0 = background; these replace found
+    regions.
     """
     if masks is not None:
         regions = [Region(masks == i, 1.0, "masks") for i in np.unique(masks[masks > 0])]
@@ -85,10 +85,10 @@ def _standing(
     segments: GeometricRegions,
     config: InferConfig,
 ) -> list[Region]:
-    """Return the detections, disjoint, without those of table and background."""
+    """Return the detections as disjoint regions, without detections of table and background."""
     free = np.ones(measured.shape, bool)
     standing = measured & segments.foreground
-    # The network's masks are coarse; what lies on the table is known to the pixel.
+    # The network's masks are coarse; the foreground is known to the pixel.
     known = segments.foreground | ~measured
     regions = []
     for detection in sorted(detections, key=lambda d: -d.confidence):
@@ -108,10 +108,10 @@ def _standing(
 def _completed(
     regions: list[Region], segments: GeometricRegions, config: InferConfig
 ) -> list[Region]:
-    """Return `regions`, completed by `segments`, and what else these show (D. 135).
+    """Return `regions`, completed by `segments`, and further regions of `segments` (D. 135).
 
-    A segment that is mostly uncovered is a region. Of another one, the only region within it takes
-    the rest; where there are several, thick parts of the rest are regions.
+    A segment that is mostly uncovered is a region. In any other segment, a single region takes the
+    uncovered rest; with several regions, thick parts of the rest are regions.
     """
     labels = segments.labels
     sizes = np.bincount(labels.ravel())
@@ -151,11 +151,11 @@ def _thick_parts(mask: Mask) -> list[Mask]:
 
 
 def pieces_of(mask: Mask, labels: NDArray[np.int32], config: InferConfig) -> list[Mask]:
-    """Return the pieces (H, W) of `mask` (H, W), the largest first; none where it is one (D. 97).
+    """Return the pieces (H, W) of `mask` (H, W), the largest first; none if it is whole (D. 97).
 
     `labels` (H, W) number the geometric regions, 0 elsewhere. Pieces have at least
     `min_region_pixels`, and a share `min_piece_share` of the mask. A single piece is the mask
-    without its strips of other geometric regions (D. 145).
+    without strips of other geometric regions (D. 145).
     """
     sizes = np.bincount(labels[mask], minlength=1)
     sizes[0] = 0
@@ -170,7 +170,7 @@ def pieces_of(mask: Mask, labels: NDArray[np.int32], config: InferConfig) -> lis
 
 
 def with_insides(regions: list[Region], segments: GeometricRegions) -> list[Region]:
-    """Return `regions`, disjoint, outside and inside of a container as one (D. 134)."""
+    """Return disjoint `regions`, with outside and inside of a container as one region (D. 134)."""
     if not regions:
         return regions
     step = working_step(segments.bare.shape)

@@ -1,7 +1,7 @@
-"""Regions that colour completes, joins and adds (D. 131).
+"""Regions completed, joined and added by colour (D. 131).
 
-A piece of colour around a single region is the rest of it. A piece that no region explains is a
-region of its own: too thin for the depth's noise, or without depth.
+A piece of colour around a single region completes this region. A piece that no region covers is a
+new region: too thin for the depth's noise, or without depth.
 """
 
 from dataclasses import dataclass, replace
@@ -19,8 +19,8 @@ from pipelines.tabletop.regions.pieces import box_of
 from pipelines.tabletop.regions_geometric import GeometricRegions, without_holes
 
 LEAST_ADDED = 0.03  # share of a region's pixels below which nothing is added to it
-SAMPLE = 500  # pixels of a region, about, whose heights are measured
-CABLE = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))  # no part of a thing is narrower
+SAMPLE = 500  # approximate number of pixels of a region for its heights
+CABLE = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))  # no part of an object is narrower
 
 
 def with_color(
@@ -31,7 +31,7 @@ def with_color(
     intrinsics: Intrinsics,
     config: InferConfig,
 ) -> list[Region]:
-    """Return disjoint `regions` as the `pieces` of colour complete and join them, and new ones.
+    """Return disjoint `regions`, completed and joined by the `pieces` of colour, and new regions.
 
     `depth`: (H, W) metres, 0 = missing.
     """
@@ -40,7 +40,7 @@ def with_color(
     inside = np.array([np.bincount(pieces.labels[r.mask], minlength=count) for r in regions])
     inside = inside.reshape(len(regions), count)
     sizes = np.array([np.count_nonzero(region.mask) for region in regions])
-    covered = segments.hanging  # colour may join a thing to an arm behind it
+    covered = segments.hanging  # colour may join an object to an arm behind it
     for region in regions:
         covered |= region.mask
     result, gone, new = list(regions), set[int](), list[Region]()
@@ -51,7 +51,7 @@ def with_color(
         if not len(members):
             large = np.count_nonzero(rest) >= config.min_region_pixels
             mostly = np.count_nonzero(rest) > config.min_uncovered * np.count_nonzero(piece)
-            # What clearly stands out is found by depth, or is a wall or an arm.
+            # A piece that clearly stands out is found by depth, or is a wall or an arm.
             if pieces.whole[number] and large and mostly and work.is_low(rest):
                 new.append(Region(rest, config.geometric_confidence, "color"))
             continue
@@ -71,14 +71,14 @@ class _Completion:
     config: ColorConfig
 
     def are_one(self, regions: list[Region], piece: Mask) -> bool:
-        """Return whether `regions` within one `piece` are parts of a thing hardly above noise."""
+        """Return whether `regions` in one `piece` are parts of an object hardly above the noise."""
         outline = np.ascontiguousarray(np.argwhere(piece)[:, ::-1].astype(np.int32))
         convex = cv2.contourArea(cv2.convexHull(outline))
         solid = np.count_nonzero(piece) >= self.config.min_convexity * convex
         return bool(solid) and all(self.is_low(region.mask) for region in regions)
 
     def completed(self, regions: list[Region], rest: Mask) -> Region:
-        """Return the union of `regions` with what they leave of a piece, `rest`."""
+        """Return the union of `regions` with `rest`, the uncovered part of their piece."""
         mask = regions[0].mask.copy()
         for region in regions[1:]:
             mask |= region.mask
@@ -95,7 +95,7 @@ class _Completion:
         return replace(regions[0], mask=mask)
 
     def is_low(self, mask: Mask) -> bool:
-        """Return whether most of `mask` (H, W) is not far above the noise over the plane."""
+        """Return whether most of `mask` (H, W) is hardly higher over the plane than the noise."""
         plane = self.segments.plane
         at = np.flatnonzero(mask & (self.depth > 0))
         if plane is None or not len(at):

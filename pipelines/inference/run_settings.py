@@ -20,14 +20,14 @@ from pipelines.storage.provenance import digest, digest_text
 
 @dataclass(frozen=True)
 class InferPaths:
-    """Where `infer` reads from and writes to; None where something is not wanted.
+    """The input and output paths of `infer`; None for unused inputs and outputs.
 
     Attributes:
         frames: folder of RGB-D frames.
         output: `grasps.h5`.
         overlays: folder for pictures.
         masks: folder of the user's instance masks, instead of found regions.
-        workspace: picture, black where nothing may be grasped.
+        workspace: picture, black where grasps are not allowed.
         detector: weights of the region detector.
         network: weights of the grasp network.
         axis_critic: weights of the critic of axes and spheres.
@@ -49,7 +49,7 @@ class InferPaths:
     peer: Path | None = None
 
     def with_weights(self, **weights: Path | None) -> "InferPaths":
-        """Return the same paths with other weights, by field; None keeps what is there."""
+        """Return the same paths with other weights, by field; None keeps the old path."""
         return replace(self, **{name: path for name, path in weights.items() if path is not None})
 
 
@@ -80,13 +80,13 @@ class Settings:
 
     @property
     def uses_grasp_critic(self) -> bool:
-        """Whether grasps are ranked by the quality to expect."""
+        """Whether grasps are ranked by expected quality."""
         rests_on_symmetry = self.config.method in ("network", "symmetry-icp", *REGION_PEERS)
         return rests_on_symmetry and self.config.selection.ranking.uses_critic
 
     @property
     def uses_peer(self) -> bool:
-        """Whether a compared method with weights of its own runs."""
+        """Whether a compared method with trained weights runs."""
         return self.config.method in TRAINED_METHODS
 
     @property
@@ -94,7 +94,7 @@ class Settings:
         """The weights of the compared method.
 
         Raises:
-            ValueRangeError: they are not given.
+            ValueRangeError: no weights are given.
         """
         if self.paths.peer is None:
             made_by = f"weights that `{written_by(self.config.method)}` writes"
@@ -102,7 +102,7 @@ class Settings:
         return self.paths.peer
 
     def weights(self) -> dict[str, str]:
-        """Return the digests of the weights that are used."""
+        """Return the digests of the used weights."""
         paths, fits = self.paths, self.uses_symmetry_critics
         used = (
             ("detector", self.uses_detector, paths.detector, models.DETECTOR_BY),
@@ -127,12 +127,12 @@ class Settings:
         return others
 
     def one_core(self) -> AbstractContextManager[None]:
-        """Let networks, where there are some, use one core for each frame."""
+        """Return a context in which networks, if any run, use one core for each frame."""
         uses = self.uses_detector or self.uses_network or self.uses_peer
         return models.one_thread_each() if uses else nullcontext()
 
     def planner(self) -> Planner:
-        """Return the planner, its networks loaded once a process."""
+        """Return the planner; its networks are loaded once per process."""
         paths, device, mirrored = self.paths, self.device, self.config.mirrored
         gripper, method = load_gripper(self.config.gripper), self.config.method
         return Planner(
@@ -151,7 +151,7 @@ class Settings:
         )
 
     def _symmetry_peer(self) -> RegionMethod | None:
-        """Return the compared method that finds symmetries of regions, if that is wanted."""
+        """Return the compared method that finds symmetries of regions, if one is configured."""
         method = self.config.method
         if method in REGION_PEERS:
             return region_method(method, self.peer_weights, self.device)
@@ -161,7 +161,7 @@ class Settings:
 
 
 def check_names(config: InferConfig) -> None:
-    """Raise SymgraspError unless all values in `config` are known, and its limits can be meant."""
+    """Raise SymgraspError unless all values in `config` are known and its limits are valid."""
     check_settings(config)
     check_limits(config.limits)
     load_gripper(config.gripper)

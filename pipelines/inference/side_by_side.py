@@ -1,4 +1,4 @@
-"""Frames spread over threads and processes, each with its networks loaded."""
+"""Distribution of frames over threads and processes, each with loaded networks."""
 
 from dataclasses import replace
 
@@ -14,11 +14,10 @@ FRAMES_A_PROCESS = 8
 
 
 def side_by_side(options: BatchOptions, frames: int, device: str) -> BatchOptions:
-    """Return how `frames` are worked on where the user does not say it.
+    """Return `options` with the number of workers for `frames`, if the user gives none.
 
-    Threads of this process wait for Python's lock a third of the time; with many frames on a
-    CPU, processes of their own are worth what starting them takes: one for every eight frames, up
-    to `options.most_chosen`.
+    Threads of one process wait for Python's lock a third of the time. With many frames on a CPU,
+    starting processes pays off: one process for every eight frames, up to `options.most_chosen`.
     """
     options = options.for_items(frames)
     if options.backend in CLUSTERS or options.workers > 1:
@@ -30,14 +29,14 @@ def side_by_side(options: BatchOptions, frames: int, device: str) -> BatchOption
 
 
 def load(settings: Settings, options: BatchOptions) -> None:
-    """Load all networks where they will run, so that a failure is reported once.
+    """Load all networks in every worker, so that a failure is reported once.
 
     Raises:
-        SymgraspError: something does not load.
+        SymgraspError: a network does not load.
     """
     if options.backend == "threading":
         settings.planner()
-    elif options.backend not in CLUSTERS:  # theirs start anew for each batch
+    elif options.backend not in CLUSTERS:  # workers of clusters start anew for each batch
         with workers_of(options.backend, options.workers) as run:
             list(run(delayed(_load)(settings) for _ in range(options.workers)))
 

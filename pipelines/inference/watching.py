@@ -1,9 +1,9 @@
-"""The frames of a folder that are whole while a camera still writes into it.
+"""The complete frames of a folder while a camera still writes into it.
 
-A frame is whole when none of its files has changed for a while, as seen from here: the clock of a
-camera or a file server may be another. What cannot be read then may be a pair whose second image is
-late, so it is read once more after a longer while before it has failed. A frame whose files change
-again is a new one.
+A frame is complete when its files have not changed for a while by the local clock: the clock of a
+camera or a file server may differ. If a frame cannot be read then, its second image may be late, so
+it is read once more after a longer time before it counts as failed. A frame whose files change
+again is a new frame.
 """
 
 import time
@@ -19,18 +19,18 @@ State = tuple[tuple[str, int, int, int], ...]  # path, size, time of change, fil
 
 @dataclass(frozen=True)
 class Clock:
-    """Where the time comes from, and how it passes."""
+    """The functions for the current time and for waiting."""
 
     now: Callable[[], float] = time.monotonic
     wait: Callable[[float], None] = time.sleep
 
 
 class Lister:
-    """Lists the frames of a folder anew where a folder of theirs has changed, or after a while.
+    """Lists the frames of a folder again if a folder with frames has changed, or after a while.
 
-    To list thousands takes 0.3 s; to see that no file came or went, no time. What
-    shows in no known folder (an index file that grew, the first frame of a new folder) is seen
-    after the while.
+    Listing thousands of frames takes 0.3 s; checking the folders for changes takes no time. Changes
+    in no known folder (an index file that grew, the first frame of a new folder) are found after
+    `relist` seconds.
     """
 
     def __init__(
@@ -43,12 +43,12 @@ class Lister:
         self._listed = 0.0
 
     def look(self, now: float) -> Sequence[FrameSource]:
-        """Return the frames that are there at the time `now`.
+        """Return the frames in the folder at the time `now`.
 
         Raises:
-            SymgraspError: the folder is not there.
+            SymgraspError: the folder is missing.
         """
-        # Read before the listing: the next look sees what changes meanwhile.
+        # Read before the listing, so that the next call sees changes during the listing.
         changes = {path: _changed_at(path) for path in self._folders}
         if changes == self._changes and now - self._listed < self._config.relist:
             return self._sources
@@ -63,23 +63,23 @@ class Lister:
 def _changed_at(folder: Path) -> int:
     try:
         return folder.stat().st_mtime_ns
-    except OSError:  # it has gone; the listing will show it
+    except OSError:  # the folder is gone; the listing will show this
         return 0
 
 
 @dataclass
 class _Seen:
-    """A frame as it was seen last."""
+    """The last seen state of a frame."""
 
     state: State
-    since: float  # seconds, when it was first seen so
+    since: float  # seconds, time when this state was first seen
     put_off: bool = False
     finished: bool = False
 
 
 @dataclass(frozen=True)
 class Arrival:
-    """A frame that is whole: since when it is as it is, and whether a failure is final."""
+    """A complete frame, the time of its last change, and whether a failure is final."""
 
     source: FrameSource
     since: float
@@ -87,7 +87,7 @@ class Arrival:
 
 
 class Watcher:
-    """Remembers the frames of a folder, and says which are to be read now."""
+    """Keeps the states of the frames of a folder, and returns the frames to read now."""
 
     def __init__(self, config: WatchConfig) -> None:
         self._config = config
@@ -114,8 +114,8 @@ class Watcher:
         return sorted(arrivals, key=lambda arrival: arrival.since)
 
     def finish(self, name: str) -> None:
-        """Note that a frame needs nothing more until its files change."""
-        if name in self._seen:  # it may have gone since
+        """Note that a frame is finished until its files change."""
+        if name in self._seen:  # the frame may be gone
             self._seen[name].finished = True
 
     def put_off(self, name: str) -> None:
@@ -124,11 +124,11 @@ class Watcher:
             self._seen[name].put_off = True
 
     def is_waiting(self) -> bool:
-        """Return whether there are frames that may not be whole yet."""
+        """Return whether there are frames that may be incomplete."""
         return any(not each.finished and not each.put_off for each in self._seen.values())
 
     def last_change(self) -> float | None:
-        """Return when a frame was last seen to change; None where none was seen."""
+        """Return the time of the last change of any frame; None without frames."""
         return max((each.since for each in self._seen.values()), default=None)
 
     def _is_due(self, each: _Seen, now: float) -> bool:
@@ -137,9 +137,9 @@ class Watcher:
 
 
 def state_of(source: FrameSource) -> State | None:
-    """Return the state of a frame's files; None where one has just gone."""
+    """Return the state of a frame's files; None if a file has just gone."""
     try:
         files = [(str(path), path.stat()) for path in source.files]
-    except OSError:  # between the listing and now
+    except OSError:  # a file has gone since the listing
         return None
     return tuple((name, each.st_size, each.st_mtime_ns, each.st_ino) for name, each in files)

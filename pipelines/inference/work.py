@@ -1,7 +1,7 @@
-"""The work of `infer`, frame by frame, and the files of its results.
+"""The work of `infer`, frame by frame, and the files of the results.
 
-Each finished frame is a shard beside the output until the output is put together from them. A run
-may go on from the results of an earlier one, or write over them, where these were made likewise.
+Each finished frame is a shard next to the output, until the output is merged from all shards. A
+run may continue from the results of an earlier run with the same settings, or overwrite them.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -44,12 +44,12 @@ STAGE = "infer"
 
 @dataclass(frozen=True)
 class Work:
-    """One run of `infer`: the settings of its frames, and how they are read.
+    """One run of `infer`: settings, and options for reading the frames.
 
     Attributes:
         settings: of every frame.
-        stated: camera and unit of all frames, instead of what the files beside them say.
-        choice: which frames of the folder.
+        stated: camera and unit of all frames, instead of those in the files next to the frames.
+        choice: chosen frames of the folder.
     """
 
     settings: Settings
@@ -75,7 +75,7 @@ class Work:
         return {**self.weights, **others, "overrides": digest_text(stated)}
 
     def find(self, *, may_be_empty: bool = False) -> list[FrameSource]:
-        """List the frames that are there; see `find_frames`."""
+        """List the chosen frames of the folder; see `find_frames`."""
         found = find_frames(
             self.settings.paths.frames,
             self.stated,
@@ -86,7 +86,7 @@ class Work:
         return self.choice.of(found)
 
     def items(self, sources: Sequence[FrameSource]) -> list[WorkItem]:
-        """Return the work on `sources`: a shard each."""
+        """Return one work item, with a shard as target, for each of `sources`."""
         shared, items = self.stamp(self.common), []
         for source in sources:
             stamp = replace(shared, inputs=FrameInputs(self.common, source.files))
@@ -95,14 +95,14 @@ class Work:
         return items
 
     def stamp(self, inputs: Mapping[str, str]) -> Stamp:
-        """Return the stamp of something made of `inputs`."""
+        """Return the stamp of a result made from `inputs`."""
         config, seed = self.settings.config, self.settings.seed
         return make_stamp(STAGE, config, seed=seed, inputs=inputs)
 
     def whole_stamp(self, items: Sequence[WorkItem]) -> Stamp:
-        """Return the stamp of the output that holds `items`; all their files are read for it."""
+        """Return the stamp of the output with `items`; reads all files of the items."""
         unknown = [inputs for item in items if not (inputs := inputs_of(item)).are_known]
-        with ThreadPoolExecutor() as threads:  # digests leave Python's lock
+        with ThreadPoolExecutor() as threads:  # digests release Python's lock
             list(threads.map(dict, unknown))
         frames = digest_text("\n".join(f"{item.name} {item.stamp.as_digest()}" for item in items))
         record = FramesRecord(self.settings.paths.frames, self.stated).beside(self.output)
@@ -114,7 +114,10 @@ class Work:
         failed: Mapping[str, str],
         check: Callable[[], None] = lambda: None,
     ) -> None:
-        """Write the output of the shards of `items`, or why there is none; `check` may end it."""
+        """Write the output from the shards of `items` and reasons of `failed`; `check` may end it.
+
+        `check`: called between frames; if it raises, nothing is written.
+        """
         parts = [
             FrameResult(item.name, "failed", failed[item.name], seconds=np.nan)
             if item.name in failed
@@ -129,10 +132,10 @@ class Work:
 
 
 def infer_frame(item: WorkItem, settings: Settings) -> str | None:
-    """Write the shard of one frame; return a note where it is empty."""
+    """Write the shard of one frame; return a note if the frame is odd or empty."""
     with settings.one_core():
         (source,) = item.arguments
-        # Before the frame is read: of a file that changes meanwhile the result counts as stale.
+        # Before the frame is read, so that the result is stale if a file changes meanwhile.
         signatures = inputs_of(item).signatures()
         frame = source.read()
         folder = settings.paths.masks
@@ -142,7 +145,7 @@ def infer_frame(item: WorkItem, settings: Settings) -> str | None:
             raise ValueRangeError(size, masks.shape, f"{frame.depth.shape}")
         path = settings.paths.workspace
         workspace = None if path is None else read_workspace_mask(path, frame.depth.shape)
-        # They are drawn on the images as taken.
+        # Users draw both on the images as taken.
         masks, workspace = (None if x is None else frame.laid_on(x) for x in (masks, workspace))
         rng = np.random.default_rng(settings.seed)
         result = settings.planner().plan(frame, rng, masks, workspace)
@@ -160,7 +163,7 @@ def infer_frame(item: WorkItem, settings: Settings) -> str | None:
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Raise WriteError, which is no fault of a frame, where `path` cannot be written."""
+    """Raise WriteError, which is no fault of a frame, if `path` cannot be written."""
     try:
         yield
     except OSError as error:
@@ -168,14 +171,14 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def overlay_path(folder: Path, frame_name: str) -> Path:
-    """Return where the picture of a frame goes; errors as `within`."""
+    """Return the path of a frame's picture; errors as in `within`."""
     return within(folder, folder / f"{frame_name}.png")
 
 
 def finished_of(items: Sequence[WorkItem]) -> list[WorkItem]:
-    """Return the items whose shards are there.
+    """Return the items with valid shards.
 
-    Shards that a killed run with other settings left are removed: nobody waits for them.
+    Shards left by a killed run with other settings are removed: they are of no use.
     """
     finished = []
     for item in items:
@@ -187,7 +190,7 @@ def finished_of(items: Sequence[WorkItem]) -> list[WorkItem]:
 
 
 def has_shard(item: WorkItem) -> bool:
-    """Return whether the shard of `item` is there, and made as its stamp says."""
+    """Return whether the shard of `item` exists and has the item's stamp."""
     if not item.target.exists():
         return False
     found = read_stamp(item.target) or {}
@@ -198,23 +201,23 @@ def has_shard(item: WorkItem) -> bool:
 def inputs_of(item: WorkItem) -> FrameInputs:
     """Return the inputs of `item`, one of `Work.items`."""
     inputs = item.stamp.inputs
-    # Those of a frame that an earlier run followed are known.
+    # The digests of a frame of an earlier run are known.
     return inputs if isinstance(inputs, FrameInputs) else FrameInputs(inputs, ())
 
 
 def refuse_others_work(output: Path) -> None:
-    """Raise SymgraspError if `output` exists and `infer` did not write it: it may be anybody's."""
+    """Raise SymgraspError if `output` exists and was not written by `infer`."""
     if not output.exists():
         return
     ours = output.is_file() and h5py.is_hdf5(output)
-    with suppress(FormatError):  # so damaged that it does not say: there is nothing to lose
+    with suppress(FormatError):  # without a readable stamp there is nothing to lose
         ours = ours and (read_stamp(output) or {}).get("stage") == STAGE
     if not ours:
         raise SymgraspError(f"{output} exists and is no grasps.h5; choose another output")
 
 
 def earlier_frames(work: Work) -> dict[str, WorkItem]:
-    """Return the finished frames of an earlier run that followed a folder likewise, by name."""
+    """Return the finished frames of an earlier run with the same settings, by name."""
     wanted, items = work.stamp(work.common).as_json(), {}
     parts = sorted(grasps_file.parts_folder(work.output).glob("[!.]*.h5"))
     for path in parts:
@@ -227,7 +230,7 @@ def earlier_frames(work: Work) -> dict[str, WorkItem]:
 
 
 def refuse_stale(work: Work, known: set[str]) -> None:
-    """Raise unless an existing output is of these settings and of frames that are `known`."""
+    """Raise unless an existing output has these settings and only frames that are `known`."""
     if not work.output.exists():
         return
     refuse_other_settings(work)
@@ -236,13 +239,14 @@ def refuse_stale(work: Work, known: set[str]) -> None:
     lost = [name for name, status in states if status != "failed" and name not in known]
     if lost:
         raise SymgraspError(
-            f"{work.output} holds {len(lost)} frames that are not in {work.settings.paths.frames} "
-            f"any more, {lost[0]} among them; choose another output, or pass --overwrite"
+            f"{work.output} holds {len(lost)} frames that are no longer in "
+            f"{work.settings.paths.frames}, for example {lost[0]}; choose another output, or pass "
+            "--overwrite"
         )
 
 
 def refuse_other_settings(work: Work) -> None:
-    """Raise StaleOutputError unless the output is of these settings; no image is read for it."""
+    """Raise StaleOutputError unless the output has these settings; read no images."""
     found, wanted = read_stamp(work.output) or {}, work.stamp(work.common).as_json()
     inputs = {name: each for name, each in found.get("inputs", {}).items() if name != "frames"}
     if not _is_alike(found, wanted) or inputs != wanted["inputs"]:

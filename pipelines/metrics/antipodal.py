@@ -1,8 +1,8 @@
-"""Antipodal scores after S4G, in its two definitions, which are not the same number.
+"""Antipodal scores after S4G, by two definitions that give different numbers.
 
 *Contact pair* (Sec. IV of the paper): `|cos a_1 cos a_2|` at the two contacts. *Closing region*:
-the mean normals of the outermost layers of surface between the fingers. Both are 1 for a perfect
-grasp and 0 for a useless one.
+from the mean normals of the outermost layers of surface between the fingers. Both are 1 for a
+perfect grasp and 0 for a useless grasp.
 """
 
 import numpy as np
@@ -27,7 +27,7 @@ def closing_region_score(
     """Return (n,) the score of the surface between the open fingers of n `grasps`.
 
     `points`: (m, 3) metres, on the object's whole surface, in the frame of the grasps. `normals`:
-    (m, 3) unit. `foreign_points`: (k, 3) on other objects; a region that holds one scores 0.
+    (m, 3) unit. `foreign_points`: (k, 3) on other objects; a region with a foreign point scores 0.
     """
     inner = _closing_regions(grasps, gripper)
 
@@ -43,7 +43,7 @@ def closing_region_score(
 
 
 def _closing_regions(grasps: GraspPoses, gripper: Gripper) -> Array:
-    """Return (n, 2, 3) low and high corners, grasp frame, of what the fingers sweep."""
+    """Return (n, 2, 3) low and high corners, grasp frame, of the boxes that the fingers sweep."""
     fingers = gripper.boxes(grasps.width)[:, :2]
     regions = fingers[:, 0].copy()
     regions[:, 0, 1], regions[:, 1, 1] = fingers[:, 0, 1, 1], fingers[:, 1, 0, 1]

@@ -1,9 +1,9 @@
 """Precision, recall and average precision from predictions with confidences.
 
 Predictions are matched to the truth one to one, the most confident first; a second prediction of
-a truth already taken is wrong. Average precision is the whole area under the precision-recall
-curve, all points, where predictions of one confidence are one point: whoever sets a threshold has
-all of them or none, so their order means nothing. Of masks COCO's is in `coco_masks`.
+the same truth is wrong. Average precision is the whole area under the precision-recall curve, all
+points. Predictions of equal confidence are one point: a threshold keeps all or none of them, so
+their order means nothing. COCO's average precision of masks is in `coco_masks`.
 """
 
 import numpy as np
@@ -13,10 +13,10 @@ from pipelines.array_types import Array
 
 
 def match_greedy(confidence: ArrayLike, misfit: ArrayLike) -> NDArray[np.int64]:
-    """Return (p,) the truth each prediction takes, -1 for none.
+    """Return (p,) the truth that each prediction takes, -1 for none.
 
-    `confidence`: (p,) of the predictions; equal ones go in the given order. `misfit`: (p, t), lower
-    is better, inf where the pair is no match.
+    `confidence`: (p,) of the predictions; equal confidences keep the given order. `misfit`: (p, t),
+    lower is better, inf where the pair is no match.
     """
     costs = np.array(misfit, np.float64)
     taken = np.full(len(costs), -1, np.int64)
@@ -33,9 +33,9 @@ def match_greedy(confidence: ArrayLike, misfit: ArrayLike) -> NDArray[np.int64]:
 def precision_recall(
     confidence: ArrayLike, correct: ArrayLike, num_truth: int
 ) -> tuple[Array, Array]:
-    """Return recall (c,), rising, and precision (c,), one point a confidence.
+    """Return recall (c,), rising, and precision (c,), one point per distinct confidence.
 
-    Of predictions (p,) that are `correct` (p,) or not, the most confident first; the recall is nan
+    `confidence`: (p,) of the predictions. `correct`: (p,) whether each is right. The recall is nan
     without any truth.
     """
     falling = np.asarray(confidence, np.float64)
@@ -65,7 +65,7 @@ def average_precision(confidence: ArrayLike, correct: ArrayLike, num_truth: int)
 def interpolated_precision(
     confidence: ArrayLike, correct: ArrayLike, num_truth: int, recalls: ArrayLike
 ) -> Array:
-    """Return (r,) the best precision at each of `recalls` or beyond; 0 where it is not reached."""
+    """Return (r,) the best precision at each of `recalls` or beyond; 0 for recalls not reached."""
     recall, precision = precision_recall(confidence, correct, num_truth)
     reached = np.searchsorted(recall, np.asarray(recalls, np.float64), side="left")
     return np.append(_envelope(precision), 0.0)[reached]

@@ -1,7 +1,7 @@
-"""Average precision of masks, by pycocotools itself.
+"""Average precision of masks, computed by pycocotools.
 
-`match_masks` is COCOeval's matching of one image, `coco_average_precision` its accumulation over
-all images from what the matching found: so images need not be in memory together.
+`match_masks` is COCOeval's matching of one image; `coco_average_precision` is COCOeval's
+accumulation of the matches of all images. So images need not be in memory together.
 """
 
 import contextlib
@@ -24,12 +24,13 @@ ANY_AREA = [0.0, 1e10]
 def match_masks(masks: Sequence[Mask], confidence: Sequence[float], truth: Sequence[Mask]) -> Mask:
     """Return (10, p) whether each predicted mask is right, at each of IOU_THRESHOLDS.
 
-    Each true mask is found once, by the most confident prediction; all of one image and one class.
+    Each true mask is matched once, by the most confident prediction. All masks are of one image
+    and one class.
     """
     if not masks or not truth:
         return np.zeros((len(IOU_THRESHOLDS), len(masks)), np.bool_)
     known, found = _image(truth, [1.0] * len(truth)), _image(masks, confidence)
-    with contextlib.redirect_stdout(io.StringIO()):  # pycocotools talks
+    with contextlib.redirect_stdout(io.StringIO()):  # pycocotools prints progress
         matching = COCOeval(known, found, "segm")
         matching.params.maxDets = [len(masks)]
         matching.params.areaRng = [ANY_AREA]
@@ -69,8 +70,8 @@ def coco_average_precision(confidence: ArrayLike, correct: ArrayLike, num_truth:
     return np.asarray(curves.eval["precision"][:, :, 0, 0, 0].mean(axis=1))
 
 
-def _image(masks: Sequence[Mask], confidence: Sequence[float]) -> Any:  # noqa: ANN401 - a COCO, whose type says too little
-    """Return one image's masks as a COCO data set; ids count from 1."""
+def _image(masks: Sequence[Mask], confidence: Sequence[float]) -> Any:  # noqa: ANN401 - a COCO object without a useful type
+    """Return the masks of one image as a COCO data set; ids count from 1."""
     height, width = masks[0].shape
     entries: list[dict[str, Any]] = []
     for index, (mask, score) in enumerate(zip(masks, confidence, strict=True)):

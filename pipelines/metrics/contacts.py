@@ -1,8 +1,8 @@
-"""Contacts of closing fingers with a mesh: exact intersections of two rays with its triangles.
+"""Contacts of closing fingers with a mesh: exact intersections of two rays with the triangles.
 
-The two fingers start half the opening away from the grasp's midpoint and move towards it along
-the closing axis; each stops at the first surface, or at the midpoint. A finger that starts inside
-the object, or reaches the midpoint without touching anything, has no contact.
+The two fingers start half the opening away from the grasp's midpoint and move towards the midpoint
+along the closing axis; each stops at the first surface, or at the midpoint. A finger that starts
+inside the object, or reaches the midpoint without touching anything, has no contact.
 """
 
 from dataclasses import dataclass
@@ -46,7 +46,7 @@ def close_fingers(mesh: Mesh, grasps: GraspPoses, opening: ArrayLike) -> Contact
     distance, triangle = first_hits(mesh, start.reshape(-1, 3), inward.reshape(-1, 3))
     travel = distance.reshape(-1, 2)
     normals = mesh.face_normals[triangle].reshape(-1, 2, 3)
-    # A surface seen from behind means that the finger started inside.
+    # A hit on the back of a surface means that the finger started inside the object.
     outside = np.einsum("nki,nki->nk", inward, normals) < 0.0
     touched = outside & (travel <= reach[:, None] + TRAVEL_SLACK)
     points = start + np.where(touched, travel, 0.0)[..., None] * inward

@@ -1,4 +1,4 @@
-"""The verdict on grasps among true meshes: friction, quality, antipodal scores, and what failed."""
+"""Verdicts on grasps among true meshes: friction, quality, antipodal scores, cause of failure."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,16 +20,16 @@ from pipelines.metrics.graspnet.graspnet_frames import ExactScene, SolidObject, 
 from pipelines.metrics.graspnet.peer_collision import VOXEL, voxel_means
 from pipelines.metrics.mesh_collision import MeshCollider, hits_table
 
-# Why an object scored what it did, in the order in which a grasp can fail.
+# Reasons for an object's score, in the order in which a grasp can fail.
 REASONS = ("no region", "no grasp", "too wide", "collision", "no contact", "friction", "held")
 
-GRASPNET_WIDTH = 0.1  # metres, that graspnetAPI's gripper opens to at most
+GRASPNET_WIDTH = 0.1  # metres, largest opening of graspnetAPI's gripper
 WIDTH_SLACK = 1e-6  # metres; widths are stored in single precision
 
 
 @dataclass(frozen=True)
 class TrueObject:
-    """An object as metrics see it: its mesh, dense points of its surface, its collider."""
+    """An object as input of the metrics: mesh, dense points of the surface, collider."""
 
     mesh: Mesh
     points: Array  # (m, 3) metres, object frame
@@ -38,18 +38,18 @@ class TrueObject:
 
     @cached_property
     def tree(self) -> KDTree:
-        """The tree of `points`."""
+        """Search tree over `points`."""
         return KDTree(self.points)
 
     @cached_property
     def solid(self) -> SolidObject:
-        """The object as GraspNet's protocol wants it."""
+        """The object as input of GraspNet's protocol."""
         return SolidObject(voxel_means(self.points, VOXEL), self.mesh, self.collider)
 
 
 @dataclass(frozen=True)
 class TrueScene:
-    """All objects of a frame with their poses, the table under them and what stands around."""
+    """All objects of a frame with their poses, the table and the surroundings."""
 
     objects: Mapping[int, TrueObject]  # by object id
     poses: Mapping[int, Array]  # `T_cam_obj` (4, 4) by object id
@@ -59,8 +59,8 @@ class TrueScene:
     def accuracy(self, grasps: GraspPoses, score: Array, gripper: Gripper) -> Array:
         """Return the accuracy (50, 6) of a frame's `grasps` by GraspNet's protocol, exactly.
 
-        `grasps`: n, camera frame, of `gripper` open; wider ones than `GRASPNET_WIDTH` are cut.
-        `score`: (n,) higher is better.
+        `grasps`: n, camera frame. `score`: (n,) higher is better. The openings of `gripper` are
+        limited to `GRASPNET_WIDTH`.
         """
         solids = [self.objects[each].solid for each in self.poses]
         scene = ExactScene(
@@ -77,7 +77,7 @@ class TrueScene:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of the best grasp of one object."""
+    """The verdict on the best grasp of one object."""
 
     object_id: int
     reason: str
@@ -88,10 +88,10 @@ class Verdict:
 
 
 def grasp_verdict(scene: TrueScene, object_id: int, grasp: GraspPoses, gripper: Gripper) -> Verdict:
-    """Return the verdict on one `grasp`, camera frame, that is meant for `object_id`.
+    """Return the verdict on one `grasp` at the object `object_id`, camera frame.
 
-    A grasp in collision or too wide has quality 0 and region score 0; its contacts are scored
-    nevertheless.
+    A grasp in collision or too wide has quality 0 and region score 0; friction and contact-pair
+    score are computed nevertheless.
     """
     target = scene.objects[object_id]
     local = grasp.transformed(invert(scene.poses[object_id]))
@@ -112,13 +112,13 @@ def grasp_verdict(scene: TrueScene, object_id: int, grasp: GraspPoses, gripper: 
 
 
 def qualities(scene: TrueScene, object_id: int, grasps: GraspPoses, gripper: Gripper) -> Array:
-    """Return (n,) the quality of `grasp_verdict` of n `grasps`, camera frame, all at once."""
+    """Return (n,) the quality of n `grasps`, camera frame, as in `grasp_verdict`, all at once."""
     return _outcomes(scene, object_id, grasps, gripper).quality
 
 
 @dataclass(frozen=True)
 class _Outcomes:
-    """What n grasps at one object come to, and what keeps them from it."""
+    """Contacts, friction and failures of n grasps at one object."""
 
     contacts: Contacts
     friction: Array  # (n,) the smallest that holds
@@ -127,7 +127,7 @@ class _Outcomes:
 
     @property
     def quality(self) -> Array:
-        """(n,) 0 to 1, 0 for grasps that are too wide or collide."""
+        """Quality (n,), 0 to 1; 0 for grasps that are too wide or collide."""
         return quality(self.friction, self.too_wide | self.colliding)
 
 
@@ -143,7 +143,7 @@ def _outcomes(scene: TrueScene, object_id: int, grasps: GraspPoses, gripper: Gri
 
 
 def collides(scene: TrueScene, grasps: GraspPoses, gripper: Gripper) -> Mask:
-    """Return (n,) whether the open gripper touches an object, the table or what stands around.
+    """Return (n,) whether the open gripper touches an object, the table or the surroundings.
 
     `grasps`: camera frame.
     """

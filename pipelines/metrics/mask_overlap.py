@@ -1,4 +1,4 @@
-"""Overlaps of region masks: intersection over union, and whose region it is."""
+"""Overlaps of region masks: intersection over union, and the object under a region."""
 
 from collections.abc import Sequence
 
@@ -9,10 +9,10 @@ from pipelines.array_types import Array, Mask
 
 
 def mask_iou(masks: Sequence[Mask], others: Sequence[Mask]) -> Array:
-    """Return (p, t) intersection over union of boolean masks of one size."""
+    """Return (p, t) intersection over union of boolean masks, all of one size."""
     if not masks or not others:
         return np.zeros((len(masks), len(others)))
-    # Products of 0/1 matrices count pixels; float32 is exact up to 16 million of them.
+    # Products of 0/1 matrices count pixels; float32 is exact up to 16 million pixels.
     a = np.stack([mask.ravel() for mask in masks]).astype(np.float32)
     b = np.stack([mask.ravel() for mask in others]).astype(np.float32)
     common = (a @ b.T).astype(np.float64)
@@ -21,9 +21,9 @@ def mask_iou(masks: Sequence[Mask], others: Sequence[Mask]) -> Array:
 
 
 def owner_of(mask: Mask, label: NDArray[np.integer], min_share: float) -> int:
-    """Return the value of `label` (H, W) that most of `mask` covers, 0 (background) for none.
+    """Return the value of `label` (H, W) on most pixels of `mask`, 0 (background) for none.
 
-    The owner must cover at least `min_share` of the mask's pixels.
+    This owner must cover at least `min_share` of the mask's pixels.
     """
     covered = label[mask]
     counts = np.bincount(covered[covered > 0].astype(np.int64), minlength=1)

@@ -1,4 +1,4 @@
-"""Exact collision of a gripper's boxes with triangle meshes and with a table (FCL behind it)."""
+"""Exact collision of a gripper's boxes with triangle meshes, by FCL, and with a table."""
 
 import fcl
 import numpy as np
@@ -14,8 +14,8 @@ from pipelines.grasping.gripper import Gripper
 class MeshCollider:
     """A mesh prepared for collision queries, in its own frame.
 
-    FCL tests surfaces: a box wholly inside a solid touches none of its triangles. Such a box is
-    found by a ray from its centre, which then leaves the solid through a surface's back.
+    FCL tests surfaces: a box wholly inside a solid touches no triangle. A ray from the box's centre
+    finds this case: it leaves the solid through the back of a surface.
     """
 
     def __init__(self, mesh: Mesh) -> None:
@@ -29,7 +29,7 @@ class MeshCollider:
         self._object = fcl.CollisionObject(model, fcl.Transform())
 
     def hits(self, grasps: GraspPoses, gripper: Gripper) -> Mask:
-        """Return (n,) whether any box of the open `gripper` touches the mesh or lies in it.
+        """Return (n,) whether any box of the open `gripper` touches the mesh or is inside.
 
         `grasps`: in the frame of the mesh, metres.
         """
@@ -63,7 +63,7 @@ class MeshCollider:
 def hits_table(grasps: GraspPoses, gripper: Gripper, T_table_grasps: Array) -> Mask:
     """Return (n,) whether any box of the open `gripper` reaches below the table.
 
-    `T_table_grasps`: from the frame of `grasps` to the table's, whose top is z = 0, z up.
+    `T_table_grasps`: frame of `grasps` to table frame; the table's top is z = 0, z up.
     """
     boxes = gripper.boxes(grasps.width)
     choice = np.indices((2, 2, 2)).reshape(3, -1)  # which corner, low or high, along each axis

@@ -1,9 +1,9 @@
-"""Paired bootstrap over frames or scenes: how certain a difference between two runs is.
+"""Paired bootstrap over frames or scenes: the certainty of a difference between two runs.
 
-A resample draws as many frames (or scenes, with all their frames) as there are, with repetition;
-all runs are computed on the same draw, so what makes a frame easy or hard for all of them cancels.
-A draw is a weight a frame, how often it was drawn, and every figure here takes weights: no frame is
-copied.
+A resample draws as many frames (or scenes, with all their frames) as there are, with repetition.
+All runs are computed on the same draw, so the difficulty that a frame has for all runs cancels.
+A draw is one weight per frame, the number of times it was drawn. Every figure takes weights, so
+that no frame is copied.
 """
 
 from collections.abc import Iterator
@@ -17,14 +17,14 @@ from pipelines.array_types import Array, Mask
 from pipelines.metrics.average_precision import last_equals
 
 COCO_RECALLS = np.linspace(0.0, 1.0, 101)
-FEWEST_UNITS = 6  # that can all differ alike with a chance below 5 %
-LARGEST_BLOCK = 4_000_000  # weights of predictions that are in memory at a time
+FEWEST_UNITS = 6  # frames or scenes that all differ alike by a chance below 5 %
+LARGEST_BLOCK = 4_000_000  # weights of predictions in memory at a time
 LARGEST_DRAW = 64  # draws that are computed together
 
 
 @dataclass(frozen=True)
 class FrameMeans:
-    """A mean over objects: of each of f frames the sum of its objects' values, and their number."""
+    """A mean over objects: for each of f frames the sum over its objects, and their number."""
 
     sums: Array
     counts: Array
@@ -40,9 +40,9 @@ class FramePrecision:
     """An average precision: p predictions of f frames, the most confident first."""
 
     correct: Array  # (p,) 1 right, 0 wrong
-    frame: NDArray[np.int64]  # (p,) index of each one's frame
-    num_truth: Array  # (f,) how many there are to find
-    last: NDArray[np.int64]  # (p,) place of the last that is counted with it; with COCO its own
+    frame: NDArray[np.int64]  # (p,) index of the prediction's frame
+    num_truth: Array  # (f,) number of true ones to find
+    last: NDArray[np.int64]  # (p,) place of the last equal confidence; with COCO each its own place
     coco: bool = False  # COCO's mean over 101 recalls, not the area under all points
 
     @classmethod
@@ -55,7 +55,7 @@ class FramePrecision:
         *,
         coco: bool = False,
     ) -> "FramePrecision":
-        """Return it from predictions in any order; COCO's equal confidences keep theirs."""
+        """Return the figure of predictions in any order; with COCO the order breaks ties."""
         order = np.argsort(-confidence, kind="stable")
         last = np.arange(len(order)) if coco else last_equals(confidence[order])
         return cls(correct[order].astype(np.float64), frame[order], num_truth, last, coco)
@@ -88,9 +88,9 @@ FrameFigure = FrameMeans | FramePrecision
 
 @dataclass(frozen=True)
 class Difference:
-    """How much larger a figure is than the first run's, with its interval; nan if undefined.
+    """A figure minus the figure of the first run, with an interval; nan if undefined.
 
-    `units`: how many frames or scenes are drawn from.
+    `units`: number of frames or scenes that are drawn from.
     """
 
     value: float
@@ -100,10 +100,9 @@ class Difference:
 
     @property
     def is_certain(self) -> bool:
-        """Whether the interval leaves out zero, and there are enough units to say so.
+        """Whether the interval leaves out zero, and there are at least `FEWEST_UNITS` units.
 
-        Of fewer than `FEWEST_UNITS` all may differ alike by chance more often than the interval
-        allows.
+        Fewer units may all differ alike by chance more often than the interval allows.
         """
         return self.units >= FEWEST_UNITS and (self.low > 0.0 or self.high < 0.0)
 
@@ -120,15 +119,15 @@ def draws(num_drawn: int, resamples: int, rng: np.random.Generator) -> Iterator[
 def differences(
     figures: list[FrameFigure], group: NDArray[np.int64], resamples: int, level: float, seed: int
 ) -> tuple[list[float], list[Difference]]:
-    """Return each run's figure on all frames, and the differences of all but the first to it.
+    """Return each run's figure on all frames, and the differences of the other runs to the first.
 
-    `figures`: over the same frames in the same order. `group`: (f,) index of what each frame is
-    drawn with: itself, or its scene; 0, 1, ... `level`: share of the `resamples` draws inside the
-    interval. The same `seed` draws the same frames.
+    `figures`: over the same frames in the same order. `group`: (f,) index 0, 1, ... of the unit
+    that each frame is drawn with: the frame itself, or its scene. `level`: share of the `resamples`
+    draws inside the interval. The same `seed` draws the same frames.
     """
     values = [float(figure.at(np.ones((1, len(group))))[0]) for figure in figures]
     units = int(group.max(initial=-1)) + 1
-    if units < 2:  # one alone does not show how far it varies
+    if units < 2:  # a single unit does not show the spread
         return values, [Difference(v - values[0], np.nan, np.nan, units) for v in values[1:]]
     blocks = draws(units, resamples, np.random.default_rng(seed))
     drawn = np.hstack([np.stack([figure.at(w[:, group]) for figure in figures]) for w in blocks])
@@ -143,7 +142,7 @@ def interval(
 ) -> tuple[float, float]:
     """Return the ends of the interval of one figure, frames drawn at random; nan if undefined.
 
-    Of fewer than `FEWEST_UNITS` frames an interval would look more certain than they are.
+    An interval of fewer than `FEWEST_UNITS` frames would be too narrow, and is nan.
     """
     if num_frames < FEWEST_UNITS:
         return np.nan, np.nan
@@ -160,11 +159,11 @@ def _ends(drawn: Array, level: float, units: int) -> tuple[float, float]:
 
 
 def _percentiles(level: float, units: int) -> tuple[float, float]:
-    """Return which percentiles of the draws of `units` frames or scenes hold a share `level`.
+    """Return the percentiles of draws of `units` frames or scenes that enclose a share `level`.
 
-    Draws from few vary too little, by the root of (n - 1) / n, and have too short tails: expanded
-    percentiles are as far out as Student's t is (T. Hesterberg, What Teachers Should Know About the
-    Bootstrap, 2015).
+    Draws from few units vary too little, by the root of (n - 1) / n, and have too short tails:
+    expanded percentiles reach as far out as Student's t (T. Hesterberg, What Teachers Should Know
+    About the Bootstrap, 2015).
     """
     far = stdtrit(units - 1, 0.5 * (1.0 + level)) * np.sqrt(units / (units - 1))
     share = float(ndtr(far))

@@ -1,4 +1,4 @@
-"""Rates of success with Wilson's intervals."""
+"""Success rates with Wilson's intervals."""
 
 from typing import Any
 
@@ -6,10 +6,10 @@ LEVEL = 0.95  # of the interval
 
 
 def success_rate(trials: int, held: int) -> dict[str, Any]:
-    """Return `held` of `trials` as `rate`, with the interval `low` to `high` (Wilson, 1927).
+    """Return the `rate` of `held` in `trials`, with the interval `low` to `high` (Wilson, 1927).
 
-    All three are None without trials. Unlike the textbook's interval it stays within 0 to 1, and
-    means something for no or only successes.
+    All three are None without trials. Unlike the normal approximation, this interval stays within
+    0 to 1, and is valid for no or only successes.
     """
     rate = low = high = None
     if trials:

@@ -1,9 +1,9 @@
-"""Which predicted symmetries of a frame are right: one to one by confidence (design 5.11).
+"""Verdicts on the predicted symmetries of a frame, matched one to one by confidence (D. 21).
 
 Reflections and rotations are compared by the dense symmetry error, spheres by the distance of the
-centres. A truth lists at most three planes, one axis, one sphere; some symmetries follow from
-those listed (a plane through a continuous axis, any plane or axis through a sphere's centre, a
-plane turned with a discrete rotation). A prediction of such a one is neither right nor wrong.
+centres. A truth lists at most three planes, one axis, one sphere; other symmetries follow from the
+listed symmetries (a plane through a continuous axis, any plane or axis through a sphere's centre, a
+plane turned with a discrete rotation). A prediction that follows so is neither right nor wrong.
 """
 
 from collections.abc import Sequence
@@ -24,14 +24,14 @@ from pipelines.geometry.transforms import rotation_about, unit
 from pipelines.metrics.average_precision import match_greedy
 
 CORRECT, WRONG, IGNORED = 1, 0, -1
-# Planes are one up to so much: what follows from a listed one may be listed itself.
+# Planes within these limits are one: a plane that follows from the list may be listed itself.
 SAME_COSINE = float(np.cos(np.radians(5.0)))
 SAME_OFFSET = 0.004  # metres, at the axis
 
 
 @dataclass(frozen=True)
 class PredictedSymmetry:
-    """A symmetry with its confidence, of the true region `region` (-1: of none)."""
+    """A symmetry with its confidence, in the true region with index `region` (-1: in none)."""
 
     symmetry: Symmetry
     confidence: float
@@ -60,7 +60,7 @@ def symmetry_verdicts(
 ) -> NDArray[np.int64]:
     """Return (p,) CORRECT, WRONG or IGNORED for predictions of one kind in one frame.
 
-    `threshold`: dense error, or metres for spheres, up to which a prediction is right.
+    `threshold`: largest dense error, or metres for spheres, of a right prediction.
     """
     if not predictions:
         return np.zeros(0, np.int64)
@@ -83,13 +83,13 @@ def symmetry_verdicts(
 
 
 def _follows(predicted: Symmetry, region: TrueRegion, threshold: float) -> bool:
-    """Return whether `predicted` is close to a symmetry that follows from those listed."""
+    """Return whether `predicted` is close to a symmetry that follows from the listed symmetries."""
     implied = implied_symmetries(predicted, region.symmetries)
     return any(symmetry_error(region.points, predicted, s) <= threshold for s in implied)
 
 
 def implied_symmetries(predicted: Symmetry, listed: Sequence[Symmetry]) -> list[Symmetry]:
-    """Return the true but unlisted symmetries, given those `listed`, nearest to `predicted`."""
+    """Return the symmetries nearest to `predicted` that follow from `listed` but are unlisted."""
     implied: list[Symmetry] = []
     for truth in listed:
         match predicted, truth:
@@ -111,8 +111,8 @@ def _turned_planes(
 ) -> list[ReflectionSymmetry]:
     """Return the planes through a discrete `rotation`'s axis that follow from a listed one.
 
-    An n-fold axis in a mirror plane lies in n of them, half the rotation's step apart. Those that
-    are listed themselves are left out: each of them is to be found once.
+    An n-fold axis in a mirror plane lies in n mirror planes, half the rotation's step apart. Planes
+    that are listed themselves are left out: each of them is to be found once.
     """
     order = rotation.order or 1
     through = [

@@ -1,7 +1,7 @@
-"""Contact sheets: the pictures of many annotated objects, the most doubtful ones first.
+"""Contact sheets: the pictures of many annotated objects, the most doubtful first.
 
-Writes  DIR/sheet_NN.png   24 objects a page, as a person looks through them
-        DIR/index.html     the same as one page, with each object's facts in words
+Writes  DIR/sheet_NN.png   24 objects per page, for review by a person
+        DIR/index.html     all objects on one page, with the facts of each as text
 """
 
 from collections.abc import Iterable, Sequence
@@ -20,7 +20,7 @@ from pipelines.storage.images import write_image
 
 SHEET_COLUMNS, SHEET_ROWS = 4, 6
 CAPTION, GAP, TITLE = 62, 10, 44  # pixels
-FINE = 2  # text is drawn this many times as large, then averaged
+FINE = 2  # text is drawn larger by this factor, then averaged
 INK: Color = (30, 30, 30)
 GREY: Color = (115, 115, 115)
 CORRECTED: Color = (20, 120, 60)
@@ -35,7 +35,7 @@ TEMPLATE = Path(__file__).with_suffix(".html")
 
 @dataclass(frozen=True)
 class Tile:
-    """One object: its views (h, w, 3) RGB, its annotation, and where its picture is kept."""
+    """One object: views (h, w, 3) RGB, annotation, and the path of the picture."""
 
     name: str
     views: ColorImage
@@ -44,7 +44,7 @@ class Tile:
 
     @property
     def doubt(self) -> float:
-        """The object's doubt; 1 where it is not known."""
+        """The object's doubt; 1 where the doubt is unknown."""
         return 1.0 if self.labels.doubt is None else self.labels.doubt
 
 
@@ -92,10 +92,10 @@ def symmetry_words(symmetries: Iterable[Symmetry]) -> str:
 
 
 def remark(labels: ObjectSymmetries) -> str:
-    """Return what else is worth knowing: who says so, the parts, the nearest rejected candidate."""
-    said = sorted(set(labels.all_sources) - {FOUND})
-    parts = [f"by {source}" for source in said]
-    if labels.found is not None and not said:
+    """Return further facts: sources of the annotation, parts, nearest rejected candidate."""
+    sources = sorted(set(labels.all_sources) - {FOUND})
+    parts = [f"by {source}" for source in sources]
+    if labels.found is not None and not sources:
         parts.append("by hand")
     if len(labels.regions) > 1 or any(region.name != "whole" for region in labels.regions):
         parts += [
@@ -142,7 +142,7 @@ def _write(
 ) -> None:  # fmt: skip
     """Write `text` at `place`, cut off so that it fits `room` pixels."""
     font = cv2.FONT_HERSHEY_DUPLEX if bold else cv2.FONT_HERSHEY_SIMPLEX
-    plain = text.encode("ascii", "replace").decode()  # what the font has
+    plain = text.encode("ascii", "replace").decode()  # the font's characters
     cut = plain
 
     def width(line: str) -> int:

@@ -1,4 +1,4 @@
-"""A gripper's three boxes from the front and from the side, with its measures, to one scale."""
+"""Pictures of a gripper: three boxes from front and side, to one scale, with the measures."""
 
 import cv2
 import numpy as np
@@ -14,7 +14,7 @@ TEXT = cv2.FONT_HERSHEY_SIMPLEX
 
 
 def draw_gripper(gripper: Gripper) -> ColorImage:
-    """Return a picture (H, W, 3) RGB: open, front left, side right; red is the contact line."""
+    """Return a picture (H, W, 3) RGB of the open gripper, front and side; red: contact line."""
     boxes = gripper.boxes(gripper.max_width)
     reach = [float(np.abs(boxes[..., axis]).max()) for axis in (1, 2)]
     low, high = float(boxes[..., 0].min()), float(boxes[..., 0].max())

@@ -1,10 +1,10 @@
 """A frame's picture with its regions, symmetries and best grasps drawn onto it.
 
-Outlines: regions, each with its number and its best score, and "flat" or "no depth" where depth
-does not show it. Translucent quads: symmetry planes; bars: rotation axes; rings: spheres.
+Outlines: regions, each with its number and best score, and "flat" or "no depth" where depth does
+not show the region. Translucent quads: symmetry planes; bars: rotation axes; rings: spheres.
 Wireframes: the gripper at each region's best grasp in the colour of its score, a dot at each
-contact; thin and without dots where it is not worth trying. The PNG holds the stamp of what is
-drawn, as the text `provenance`.
+contact; thin and without dots if the grasp is not worth trying. The PNG holds the stamp of the
+drawn result, as the text `provenance`.
 """
 
 import json
@@ -39,7 +39,7 @@ from pipelines.storage.provenance import COMPARED, Stamp
 
 HALO: Color = (0, 0, 0)
 FINGER, WRIST = 0.045, 0.05  # metres, of the drawn gripper
-NEAREST = 0.02  # metres; nothing nearer is drawn
+NEAREST = 0.02  # metres; shapes with a nearer point are not drawn
 USED_OPACITY, OPACITY = 0.35, 0.1  # of the plane that gave the best grasp, and of others
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 FIXED_BITS = 3  # OpenCV draws at eighths of a pixel
@@ -49,7 +49,7 @@ STAMP_TEXT = "provenance"  # the name of the PNG's text
 def write_overlay(path: Path, frame: Frame, result: FrameResult, stamp: Stamp) -> None:
     """Draw `result` onto the colour image of `frame` and write it as PNG, atomically.
 
-    `stamp` is that of the result, and says which run's grasps the picture shows.
+    `stamp`: of the result, to identify the run of the grasps in the picture.
     """
     texts, data = PngInfo(), BytesIO()
     texts.add_text(STAMP_TEXT, stamp.as_text())
@@ -59,18 +59,18 @@ def write_overlay(path: Path, frame: Frame, result: FrameResult, stamp: Stamp) -
 
 
 def is_drawn(path: Path, stamp: Stamp) -> bool:
-    """Return whether `path` is a picture of the result that `stamp` says."""
+    """Return whether `path` is a picture of the result with this `stamp`."""
     wanted = stamp.as_json()
     try:
-        with Image.open(path, formats=["PNG"]) as image:  # the texts alone, not the pixels
+        with Image.open(path, formats=["PNG"]) as image:  # reads the texts, not the pixels
             found = json.loads(image.info.get(STAMP_TEXT, ""))
-    except (OSError, SyntaxError, ValueError):  # none, or none of ours
+    except (OSError, SyntaxError, ValueError):  # no picture, or none of ours
         return False
     return isinstance(found, dict) and all(found.get(key) == wanted[key] for key in COMPARED)
 
 
 def draw_overlay(frame: Frame, result: FrameResult) -> ColorImage:
-    """Return the picture (H, W, 3) RGB of a frame with all that was found in it."""
+    """Return the picture (H, W, 3) RGB of a frame with its regions, symmetries and grasps."""
     picture = np.ascontiguousarray(frame.color).copy()
     thick = max(1, round(picture.shape[1] / 640))
     height, width = picture.shape[:2]
@@ -79,7 +79,7 @@ def draw_overlay(frame: Frame, result: FrameResult) -> ColorImage:
         _draw_symmetries(picture, frame, result, region, mask)
         draw_outline(picture, mask, region, thick)
     best = np.flatnonzero(result.grasps.is_best)
-    for grasp in best[np.argsort(-result.grasps.rank_in_frame[best])]:  # the first one on top
+    for grasp in best[np.argsort(-result.grasps.rank_in_frame[best])]:  # the best grasp on top
         _draw_gripper(picture, frame.intrinsics, result, int(grasp), thick)
     for region, mask in enumerate(masks):
         _write_number(picture, result, region, mask)
@@ -199,7 +199,7 @@ def _draw_plane(
     color: Color,
     opacity: float,
 ) -> None:
-    # One side of the quad is level in the image, so the quad reads as a sheet and not a kite.
+    # One side of the quad is level in the image, so the quad looks like a sheet, not a kite.
     across = np.cross(plane.direction, [0.0, 1.0, 0.0])
     if np.linalg.norm(across) < 0.1:
         across = np.cross(plane.direction, [1.0, 0.0, 0.0])
@@ -217,7 +217,7 @@ def _draw_plane(
 
 
 def _pixels(camera: Intrinsics, points: Array) -> NDArray[np.int32] | None:
-    """Return (n, 2) fixed-point pixels of `points` (n, 3); None if one is behind the camera."""
+    """Return (n, 2) fixed-point pixels of `points` (n, 3); None if a point is behind the camera."""
     if not (points[:, 2] > NEAREST).all():
         return None
     scaled = camera.project(points) * (1 << FIXED_BITS)

@@ -1,4 +1,4 @@
-"""HTML pages from templates: whatever a page is given is escaped, files of our own excepted."""
+"""HTML pages from templates: all values are escaped, except for files of the template's folder."""
 
 from functools import cache
 from pathlib import Path
@@ -8,9 +8,9 @@ from markupsafe import Markup
 
 
 def rendered(template: Path, **values: object) -> str:
-    """Return the page that `template` makes of `values`; its folder holds what it includes.
+    """Return the page of `template` with `values`; included templates are in the same folder.
 
-    A template may put in a style sheet or script of its folder as it is, by `file("NAME")`.
+    A template inserts a style sheet or script of this folder unchanged by `file("NAME")`.
     """
     return _environment(template.parent).get_template(template.name).render(values)
 

@@ -1,4 +1,4 @@
-"""A frame with its symmetries and grasps as a recording of rerun's, `.rrd`; needs the extra `viz`.
+"""A frame with its symmetries and grasps as a rerun recording, `.rrd`; needs the extra `viz`.
 
 Entities, camera frame: `world/points`, `world/camera` with the picture,
 `world/symmetries/region_N`, and `world/grasps/place_N`: the best grasp of every region, the second
@@ -26,10 +26,10 @@ WEAK_OPACITY = 90  # of 255, of grasps that are not worth trying
 
 
 def need_rerun() -> Any:  # noqa: ANN401 - a module that may not be there
-    """Return rerun's module.
+    """Return the module `rerun`.
 
     Raises:
-        SymgraspError: it is not installed.
+        SymgraspError: rerun is not installed.
     """
     try:
         import rerun  # noqa: PLC0415 - an extra
@@ -41,9 +41,9 @@ def need_rerun() -> Any:  # noqa: ANN401 - a module that may not be there
 def write_recording(
     path: Path, frame: Frame, result: FrameResult, gripper: Gripper, stamp: Stamp
 ) -> None:
-    """Write the recording of a frame, and its stamp beside it.
+    """Write the recording of a frame, and its stamp next to it.
 
-    The same frame gives the same content, not the same bytes: rerun numbers what it writes anew.
+    The same frame gives the same content, not the same bytes: rerun assigns new ids each time.
     """
     rr = need_rerun()
     with atomic_path(path) as temporary:

@@ -1,8 +1,8 @@
 """A picture of one annotated object: two views with planes, axes, spheres and regions drawn in.
 
-Sheets with the colour of their number: mirror planes 0, 1, 2, cut out where the object hides
-them, with the line in which they cut its surface. Red bars: rotation axes; red rings: spheres.
-Regions of the surface have colours of their own. Dashed grey: the nearest rejected candidate.
+Sheets in the colour of their number: mirror planes 0, 1, 2, cut out where the object hides the
+sheet, with the line where the plane cuts the surface. Red bars: rotation axes; red rings: spheres.
+Regions of the surface have different colours. Dashed grey: the nearest rejected candidate.
 """
 
 from collections.abc import Sequence
@@ -27,11 +27,11 @@ from pipelines.geometry.transforms import invert, transform_points
 from pipelines.geometry.viewpoints import camera, oblique_view, symmetry_view
 from pipelines.pictures.palette import Color, ColorImage
 
-VIEW = 200  # pixels, a side of each of the two views
-FINE = 2  # everything is drawn this many times as large, then averaged
+VIEW = 200  # pixels, side length of each of the two views
+FINE = 2  # everything is drawn larger by this factor, then averaged
 PAPER: Color = (255, 255, 255)
 INK: Color = (40, 40, 40)
-PLAIN: Color = (214, 210, 200)  # of the surface where it is one region
+PLAIN: Color = (214, 210, 200)  # of a surface that is one region
 LEFT_OUT: Color = (150, 150, 150)  # of the surface that is in no region
 REGIONS: tuple[Color, ...] = (
     (120, 200, 180), (245, 190, 110), (170, 160, 230), (160, 205, 110), (240, 150, 150),
@@ -44,16 +44,16 @@ FLAT_COSINE = 0.95
 SHEET_OPACITY = 0.26
 HIDDEN_OPACITY = 0.25  # of lines behind the object
 OVERHANG = 1.14  # of a sheet or an axis over the object's extent
-CUT_REACH = 0.03  # of the object's size from a plane that its cutting line may be drawn at
-NUM_STEPS = 96  # of a line, each hidden or not
+CUT_REACH = 0.03  # largest distance of a cutting line from its plane, share of the object's size
+NUM_STEPS = 96  # steps of a line; each step is hidden or visible
 
 
 @dataclass(frozen=True)
 class Mark:
-    """A symmetry to draw: its colour, its number if it has one, and whether it was rejected."""
+    """A symmetry to draw: colour, optional number, and `dashed` if it was rejected."""
 
     symmetry: Symmetry
-    extent: Mesh  # the part of the surface that it is one of
+    extent: Mesh  # the part of the surface with this symmetry
     color: Color
     number: int | None = None
     dashed: bool = False
@@ -61,7 +61,7 @@ class Mark:
 
 @dataclass
 class _View:
-    """A rendered view that things are drawn into, at FINE times its size."""
+    """A rendered view to draw into, at FINE times the final size."""
 
     picture: ColorImage
     hits: Hits
@@ -71,7 +71,7 @@ class _View:
 
 
 def object_views(mesh: Mesh, labels: ObjectSymmetries) -> ColorImage:
-    """Return the two views of `labels`' object side by side: (VIEW, 2 VIEW, 3) RGB."""
+    """Return two views of `mesh` with its `labels`, side by side: (VIEW, 2 VIEW, 3) RGB."""
     marks = marks_of(mesh, labels)
     drawn = [mark.symmetry for mark in marks]
     colors = triangle_colors(mesh, labels)
@@ -84,7 +84,7 @@ def object_views(mesh: Mesh, labels: ObjectSymmetries) -> ColorImage:
 
 
 def marks_of(mesh: Mesh, labels: ObjectSymmetries) -> list[Mark]:
-    """Return what is drawn: the object's symmetries, its parts', else the nearest rejected one."""
+    """Return the marks of the symmetries of the object and its parts, else the nearest rejected."""
     marks = []
     numbers: dict[str, int] = {}
     for symmetry in labels.symmetries:
@@ -106,7 +106,7 @@ def marks_of(mesh: Mesh, labels: ObjectSymmetries) -> list[Mark]:
 
 
 def triangle_colors(mesh: Mesh, labels: ObjectSymmetries) -> ColorImage:
-    """Return the colour (f, 3) of each triangle: that of its region."""
+    """Return the colour (f, 3) of each triangle, by region."""
     colors = np.full((len(mesh.faces), 3), PLAIN, np.uint8)
     parts = [region for region in labels.regions if len(region.triangles) < len(mesh.faces)]
     if parts:
@@ -136,7 +136,7 @@ def _draw_view(
 
 
 def _shaded(hits: Hits, colors: ColorImage) -> ColorImage:
-    """Return the picture of the surface in `colors` (f, 3), lit from the camera and above it."""
+    """Return the picture of the surface in `colors` (f, 3), lit from the camera and above."""
     lamp = np.array([-0.3, -0.5, -0.8]) / np.linalg.norm([0.3, 0.5, 0.8])
     light = 0.45 + 0.35 * np.abs(hits.normal[..., 2]) + 0.25 * np.clip(hits.normal @ lamp, 0, 1)
     shown = np.clip(colors[np.maximum(hits.triangle_index, 0)] * light[..., None], 0, 255)
@@ -155,7 +155,7 @@ def _draw_plane(view: _View, mark: Mark, plane: ReflectionSymmetry) -> None:
     a, b = (points - corners[0]) @ u / (u @ u), (points - corners[0]) @ v / (v @ v)
     inside = (a >= 0) & (a <= 1) & (b >= 0) & (b <= 1) & (depth > 0)
     front = inside & ((view.hits.depth == 0) | (depth < view.hits.depth))
-    # A sheet that is seen flat would only veil what is behind it, and cuts it nowhere sharply.
+    # A sheet that faces the camera would only veil the object, without a sharp cut.
     if abs(moved.normal[2]) < FLAT_COSINE:
         _tint(view.picture, front, mark.color, 0.0 if mark.dashed else SHEET_OPACITY)
         _tint(view.picture, _cut(view, moved), mark.color, 0.5 if mark.dashed else 0.9)
@@ -180,7 +180,7 @@ def _cut(view: _View, plane: ReflectionSymmetry) -> Mask:
 
 
 def _sheet(extent: Mesh, plane: ReflectionSymmetry) -> Array:
-    """Return the corners (4, 3) of the rectangle in `plane` that just frames `extent`."""
+    """Return the corners (4, 3) of the rectangle in `plane` that tightly frames `extent`."""
     used = extent.vertices[np.unique(extent.faces)]
     flat = used - ((used - plane.point) @ plane.normal)[:, None] * plane.normal
     middle = 0.5 * (flat.min(axis=0) + flat.max(axis=0))
@@ -225,7 +225,7 @@ def _draw_sphere(view: _View, mark: Mark, sphere: SphereSymmetry) -> None:
 def _line(
     view: _View, start: Array, end: Array, color: Color, width: int, *, dashed: bool = False
 ) -> None:
-    """Draw the line between two points (3,), camera frame; fainter where the object hides it."""
+    """Draw a line between two points (3,), camera frame, fainter where the object hides it."""
     points = start + np.linspace(0.0, 1.0, NUM_STEPS + 1)[:, None] * (end - start)
     pixels = view.lens.project(points)
     column, row = np.rint(pixels).astype(int).T.clip(0, view.lens.width - 1)
@@ -253,7 +253,7 @@ def _dot(picture: ColorImage, pixel: Array, radius: int, color: Color) -> None:
 
 
 def _label(picture: ColorImage, text: str, pixel: Array, color: Color) -> None:
-    """Write `text` beside `pixel`, within the picture, on a white halo."""
+    """Write `text` next to `pixel`, within the picture, on a white halo."""
     (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_DUPLEX, 0.45 * FINE, FINE)
     x = int(np.clip(pixel[0] + 4 * FINE, 0, picture.shape[1] - width - 2))
     y = int(np.clip(pixel[1] + 3 * FINE, height + 2, picture.shape[0] - 4))

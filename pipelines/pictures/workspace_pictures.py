@@ -1,4 +1,4 @@
-"""A frame's picture with the table's frame, a workspace and the numbered regions drawn in."""
+"""A frame's picture with the frame of the workspace, its box and the numbered regions drawn in."""
 
 from collections.abc import Sequence
 from itertools import combinations, product
@@ -18,22 +18,22 @@ AXIS_COLORS: tuple[Color, ...] = ((255, 70, 70), (70, 230, 70), (90, 140, 255)) 
 AXIS_LENGTH = 0.10  # metres
 EDGE_COLOR: Color = (255, 255, 255)
 LETTERS = cv2.FONT_HERSHEY_SIMPLEX
-LINE_SEGMENTS = 24  # of a line, so that its part before the camera is drawn
+LINE_SEGMENTS = 24  # of a line; segments behind the camera are not drawn
 NEAR_PLANE = 0.05  # metres
-SHADE = 0.45  # of the light outside of the workspace
+SHADE = 0.45  # brightness outside of the workspace
 
 
 def draw_workspace(
     frame: Frame, box: WorkspaceBox, inside: Mask, regions: Sequence[Mask]
 ) -> ColorImage:
-    """Return the picture (H, W, 3) RGB: bright within the workspace, with its frame and box.
+    """Return the picture (H, W, 3) RGB: bright within the workspace, with its axes and box.
 
     Args:
         frame: colour and camera.
-        box: the workspace; its frame's axes, x red, y green, z blue, are drawn at its low corner:
-            the origin is often out of the picture.
+        box: the workspace; the axes of its frame, x red, y green, z blue, are drawn at the low
+            corner, because the origin is often outside of the picture.
         inside: (H, W) pixels in the workspace.
-        regions: masks (H, W) of regions, drawn by number.
+        regions: masks (H, W) of regions, drawn with their numbers.
     """
     picture = np.ascontiguousarray(frame.color).copy()
     picture[~inside] = (picture[~inside] * SHADE).astype(np.uint8)
@@ -61,7 +61,7 @@ def draw_workspace(
 def _line_in_space(
     picture: ColorImage, lens: Intrinsics, ends: Array, color: Color, size: int
 ) -> None:
-    """Draw the part of a line that lies before the camera; `ends` (2, 3), camera frame."""
+    """Draw the part of a line that is in front of the camera; `ends` (2, 3), camera frame."""
     shares = np.linspace(0.0, 1.0, LINE_SEGMENTS + 1)[:, None]
     points = ends[0] + shares * (ends[1] - ends[0])
     pixels = lens.project(np.where(points[:, 2:] > NEAR_PLANE, points, [0.0, 0.0, 1.0]))

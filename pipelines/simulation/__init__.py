@@ -1,1 +1,1 @@
-"""Trials of grasps in physics: a table with objects, a gripper, and their record."""
+"""Simulated trials of grasps: a table with objects, a gripper, and success rates."""

@@ -1,4 +1,4 @@
-"""The trials of a frame: the grasps that `evaluate` scores, tried in the true scene."""
+"""The trials of a frame: the grasps that `evaluate` scores, simulated in the true scene."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -26,20 +26,20 @@ from pipelines.simulation.world import Pieces, at_rest
 
 @dataclass
 class PiecesReader:
-    """Reads the convex pieces of models: the dataset's own, or those of `cache`."""
+    """Reads the convex pieces of models from the dataset, else from the folder `cache`."""
 
     root: GraspNetRoot
     cache: Path
     _pieces: dict[int, Pieces] = field(default_factory=dict)
 
     def source(self, object_id: int) -> Path:
-        """Return the dataset's file that the pieces come from: the pieces, or else the mesh."""
+        """Return the dataset's source of the pieces: the file of pieces, else the mesh."""
         mesh = self.root.model_path(object_id)
         pieces = mesh.with_name("convex.npz")
         return pieces if pieces.is_file() else mesh
 
     def path(self, object_id: int) -> Path:
-        """Return where the pieces of an object are, or are to be."""
+        """Return the path of an object's pieces, whether they exist or not."""
         source = self.source(object_id)
         return source if source.suffix == ".npz" else self.cache / f"{object_id:03d}.npz"
 
@@ -64,8 +64,8 @@ class RestedScene:
 class FrameSimulator:
     """Simulated trials of frames; each object is read once.
 
-    `baselines`: try those of `evaluation.baselines` too; `evaluate` with the same `seed` scores the
-    same grasps.
+    `baselines`: also try the methods of `evaluation.baselines`; `evaluate` with the same `seed`
+    scores the same grasps.
     """
 
     root: GraspNetRoot
@@ -86,7 +86,7 @@ class FrameSimulator:
     def run(self, predictions: Mapping[str, FramePredictions]) -> FrameTrials:
         """Return the trials of the best grasp on every visible object of a frame.
 
-        `predictions`: of the frame by row, ours among them.
+        `predictions`: of the frame by row, including ours.
         """
         name = predictions[OURS].name
         files = self.root.frame(name)
@@ -98,9 +98,9 @@ class FrameSimulator:
         return FrameTrials(name, truth.split, shift, ours, trials)
 
     def _rested(self, truth: FrameTruth) -> tuple[RestedScene, float]:
-        """Return the scene at rest, and metres that an object moved at most until then.
+        """Return the scene at rest, and the largest motion of an object until then, metres.
 
-        A frame without objects has moved none.
+        The motion is 0 for a frame without objects.
         """
         T_table_cam = truth.scene.T_table_cam
         given = {i: T_table_cam @ pose for i, pose in truth.scene.poses.items()}
@@ -122,7 +122,7 @@ class FrameSimulator:
         return trials
 
     def _try(self, scene: RestedScene, object_id: int, grasp: GraspPoses) -> dict[str, Outcome]:
-        """Return the outcomes by friction; `grasp`, table frame, may be none."""
+        """Return the outcomes by friction; `grasp`, table frame, may be empty."""
         if not len(grasp):
             return {number_key(mu): Outcome("no grasp") for mu in self.config.frictions}
         trial = Trial.of(
@@ -138,9 +138,9 @@ class FrameSimulator:
 
 
 def kind_at(truth: FrameTruth, object_id: int, mask: Mask | None) -> str:
-    """Return the kind of symmetry of the true region of an object that most of `mask` is on.
+    """Return the kind of symmetry of an object's true region that contains most of `mask`.
 
-    Without a mask, or if it is on none, the region of which most is seen counts.
+    Without a mask, or if no region contains it, the region with most visible pixels counts.
     """
     instances = [i for i in truth.instances if i.object_id == object_id]
     if not instances:

@@ -1,7 +1,7 @@
 """A force-limited parallel gripper made of a preset's boxes, in a MuJoCo model.
 
-Its frame is the grasp frame: approach, closing, binormal. The palm slides along the three axes
-without turning, as on an arm much stronger than its load; the fingers move symmetrically.
+The gripper has the grasp frame: approach, closing, binormal. The palm slides along the three axes
+without turning, as on an arm much stronger than the load; the fingers move symmetrically.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ SLIDES = ("slide0", "slide1", "slide2")
 
 
 def add_gripper(spec: mujoco.MjSpec, grasp: GraspPoses, gripper: Gripper) -> None:
-    """Add the gripper at one `grasp`, table frame, open for its width, up to the limit."""
+    """Add the gripper at one `grasp`, table frame, opened for the width, up to the limit."""
     boxes = gripper.boxes(opened_for(grasp, gripper))
     palm = spec.worldbody.add_body(
         name="palm",
@@ -60,7 +60,7 @@ def add_gripper(spec: mujoco.MjSpec, grasp: GraspPoses, gripper: Gripper) -> Non
 
 
 def opened_for(grasp: GraspPoses, gripper: Gripper) -> float:
-    """Return the distance of contacts for which the gripper opens, metres."""
+    """Return the distance of contacts that the gripper opens for, metres."""
     return min(float(grasp.width[0]), gripper.max_width)
 
 
@@ -71,7 +71,7 @@ def stroke(grasp: GraspPoses, gripper: Gripper) -> float:
 
 @dataclass(frozen=True)
 class SimulatedGripper:
-    """The gripper of a compiled model, and the indices of its parts in MuJoCo's arrays."""
+    """The gripper of a compiled model, with the indices of its parts in MuJoCo's arrays."""
 
     model: mujoco.MjModel
     data: mujoco.MjData

@@ -24,7 +24,7 @@ OutcomeCounts = dict[str, dict[str, dict[str, int]]]
 def success_rates(
     frames: Sequence[FrameTrials], frictions: Sequence[float], row: str = OURS
 ) -> Rates:
-    """Return rates by split, kind and friction of one method."""
+    """Return the success rates of one method by split, kind and friction."""
     return {
         split: {
             kind: {
@@ -55,7 +55,7 @@ def outcome_counts(
 def write_success(
     path: Path, frames: Iterable[FrameTrials], frictions: Sequence[float], stamp: Stamp
 ) -> None:
-    """Write `success.json`: our rates, and under `baselines` those of other methods."""
+    """Write `success.json`: our rates, and in `baselines` the rates of other methods."""
     frames = list(frames)
     rows = ordered_rows({row for frame in frames for row in frame.baselines})
     content = {
@@ -109,12 +109,12 @@ def _rate_table(success: Mapping[str, Any], frictions: Sequence[str]) -> Table:
         for kind, rates in kinds.items()
         if rates[frictions[0]]["trials"]
     )
-    note = "In brackets the 95 % confidence interval (Wilson); mu is the fingers' friction."
+    note = "In brackets: 95 % confidence interval (Wilson); mu is the fingers' friction."
     return Table("Success in simulation, percent", header, body, note, names=2)
 
 
 def _row_table(content: Mapping[str, Any], frictions: Sequence[str]) -> Table:
-    """Return the rates of all methods by split, over all kinds of symmetry."""
+    """Return a table of the rates of all methods by split, over all kinds of symmetry."""
     rows = {OURS: content, **content["baselines"]}
     body = tuple(
         (report_row(row).title, split, *(_cell(kinds["all"][f]) for f in frictions))

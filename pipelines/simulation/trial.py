@@ -1,4 +1,4 @@
-"""One trial of a grasp in physics: approach, close, lift, five tugs. Table frame, metres."""
+"""One simulated trial of a grasp: approach, close, lift, five tugs. Table frame, metres."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -34,8 +34,8 @@ DIVERGED = [
 GRAVITY = 9.81  # m / s^2
 APPROACH_SECONDS, LIFT_SECONDS = 0.6, 0.75
 REST_SECONDS = 0.1  # after each movement
-CLOSING_SPEED = 0.1  # metres a second, each finger
-CLOSED_SPEED = 0.002  # metres a second; slower fingers are in contact
+CLOSING_SPEED = 0.1  # metres per second, of each finger
+CLOSED_SPEED = 0.002  # metres per second; slower fingers are in contact
 SQUEEZE_SECONDS = 0.1
 TUG_SECONDS = 0.2
 # Along the gripper's axes, except toward the palm.
@@ -71,7 +71,7 @@ class Trial:
         `surroundings`: convex and immovable, table frame.
         """
         spec = empty_world(surroundings)
-        # Objects at rest are not computed: most of a scene, most of the time.
+        # Objects at rest, most of a scene for most of the time, are not computed.
         spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
         add_gripper(spec, grasp, gripper)
         for object_id, pose in poses.items():
@@ -82,7 +82,7 @@ class Trial:
         return cls(model, data, simulated, body, stroke(grasp, gripper), config)
 
     def run(self, friction: float) -> Outcome:
-        """Try the grasp once, from the start, with `friction` between fingers and objects."""
+        """Simulate one trial from the start, with `friction` between fingers and objects."""
         outcome = self._attempt(friction)
         diverged = any(self.data.warning[warning].number for warning in DIVERGED)
         return Outcome("diverged") if diverged else outcome
@@ -124,7 +124,7 @@ class Trial:
         return True
 
     def _close(self) -> None:
-        """Close the fingers until they are in contact, and squeeze."""
+        """Close the fingers until contact, and squeeze."""
         travel, place = 0.0, np.zeros(3)
         while travel < self.stroke:
             travel += CLOSING_SPEED * TIME_STEP
@@ -187,14 +187,14 @@ class Trial:
 
 
 def _change(before: tuple[Array, Array], after: tuple[Array, Array]) -> tuple[float, float]:
-    """Return metres and degrees between two poses of an object."""
+    """Return the distance, metres, and angle, degrees, between two poses of an object."""
     cosine = (np.trace(before[1].T @ after[1]) - 1.0) / 2.0
     turn = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
     return float(np.linalg.norm(after[0] - before[0])), float(turn)
 
 
 def _smooth(seconds: float) -> Iterator[float]:
-    """Yield the share of a smooth movement that is done, step by step."""
+    """Yield the completed share of a smooth movement, step by step."""
     steps = round(seconds / TIME_STEP)
     for u in np.arange(1, steps + 1) / steps:
         yield float(u**3 * (10.0 - 15.0 * u + 6.0 * u**2))

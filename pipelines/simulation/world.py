@@ -20,14 +20,14 @@ IMPRATIO = 20.0  # stiffness of contacts along over across the surface; held obj
 # Collision bits: the parts of a gripper do not collide with each other.
 GRIPPER_BIT, WORLD_BIT = 1, 2
 
-REST_SECONDS = 1.0  # at most
-REST_SPEED = 1e-3  # metres or radians a second
-REST_DAMPING = 0.9  # share of its speed that a body keeps in a step, so that it does not bounce
-REST_CHECK = 20  # steps
+REST_SECONDS = 1.0  # longest time until rest
+REST_SPEED = 1e-3  # metres or radians per second; slower bodies are at rest
+REST_DAMPING = 0.9  # share of its speed that a body keeps in each step, against bouncing
+REST_CHECK = 20  # steps between checks for rest
 
 
 def empty_world(surroundings: Pieces = ()) -> mujoco.MjSpec:
-    """Return a table with nothing on it but its `surroundings`, convex and immovable."""
+    """Return a table with no objects, but with convex and immovable `surroundings`."""
     spec = mujoco.MjSpec()
     option = spec.option
     option.timestep = TIME_STEP
@@ -66,10 +66,10 @@ def object_pose(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Array:
 def at_rest(
     objects: Mapping[int, Pieces], poses: Mapping[int, Array], surroundings: Pieces = ()
 ) -> dict[int, Array]:
-    """Return the poses (4, 4), object to table, at which objects that start at `poses` rest.
+    """Return the poses (4, 4), object to table, at rest, of objects that start at `poses`.
 
     Poses of a dataset are rounded or measured: objects float a little or overlap. Strong damping
-    lets them settle without being flung away.
+    lets the objects settle without being flung away.
     """
     if not poses:
         return {}

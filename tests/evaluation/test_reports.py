@@ -45,7 +45,10 @@ def test_a_file_without_rows_is_no_report(tmp_path: Path) -> None:
         ({"title": "t", "header": ["a"]}, "a title, a header"),
         ({"title": "t", "header": ["a"], "rows": [[1.5]]}, "wrong type"),
         ({"title": "t", "header": ["a"], "rows": [], "more": 1}, "`more` is not known"),
-        ({"title": "t", "header": ["a", "b"], "rows": [["1"]]}, "a row of 1 for a header of 2"),
+        (
+            {"title": "t", "header": ["a", "b"], "rows": [["1"]]},
+            "has 1 cells in a row, 2 in the header",
+        ),
     ],
 )
 def test_a_further_table_that_is_none_is_one_sentence(tmp_path, content, fault):

@@ -73,7 +73,7 @@ def test_unseen_is_the_mean_over_the_objects_of_both_splits():
 
 
 def test_splits_without_frames_have_no_row():
-    assert {row[1] for row in table_of(TABLES, "What became").rows} == {"seen", "all"}
+    assert {row[1] for row in table_of(TABLES, "Outcomes of the objects").rows} == {"seen", "all"}
 
 
 def test_success_not_simulated_says_how_to():
@@ -120,13 +120,13 @@ def test_success_of_other_methods_stands_below_ours():
         ("random", "0.5", "seen", "20 (6-51)"),
     ]
     assert "SymGrasp: all 20" in table_of(tables, "Table III").note
-    became = table_of(tables, "What became of the simulated")
+    became = table_of(tables, "Outcomes of the simulated")
     assert became.rows == (("random", "0.5", "80", "20"),)
 
 
 def test_what_became_of_trials_is_in_percent_of_them():
     counts = {"all": {"0.5": {"held": 3, "slipped": 1}}}
     simulated = report(record("seen", [0.5]), success_reasons=counts)
-    table = table_of(report_tables(simulated), "What became of the simulated")
+    table = table_of(report_tables(simulated), "Outcomes of the simulated")
     assert table.header == ("method", "mu", "slipped", "held")
     assert table.rows == (("SymGrasp", "0.5", "25", "75"),)

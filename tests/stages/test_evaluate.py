@@ -438,7 +438,9 @@ def test_a_scene_with_a_damaged_label_fails_alone(tmp_path):
     written = read_json(tmp_path / "report.json")
     assert written["failed"] == report.failed
     page = (tmp_path / "report.html").read_text()
-    assert "Scenes left out, as they could not be evaluated: 1, as scene_0100_realsense" in page
+    assert (
+        "Left out: 1 scenes that could not be evaluated, for example scene_0100_realsense" in page
+    )
 
 
 def test_a_dry_run_writes_nothing(root, truth_file, tmp_path):
@@ -506,7 +508,7 @@ def test_a_frame_without_grasps_of_a_compared_method_lacks_grasps_not_regions(
 def test_other_grasps_of_other_frames_or_with_a_taken_name_are_refused(root, truth_file, tmp_path):
     fewer = tmp_path / "second.h5"
     write_grasps(fewer, [true_result(root, name) for name in frame_names()[1:]])
-    with pytest.raises(FormatError, match="lacks 1 frames of ours, as"):
+    with pytest.raises(FormatError, match="lacks 1 of our frames, for example"):
         run(truth_file, root, tmp_path / "report.json", others=[fewer])
     taken = tmp_path / "oracle.h5"
     shutil.copy(truth_file, taken)

@@ -137,7 +137,7 @@ def narrow(tmp_path) -> str:
 def test_what_a_named_gripper_cannot_hold_is_left_out_and_counted(to, narrow, grasps, tmp_path):
     report = run(grasps, tmp_path / OUTPUTS[to], to=to, gripper=narrow)
     assert report.notes["left out"] == (
-        "6 of 9 grasps, wider than the 44 mm that narrow takes, by their places in /grasps: "
+        "6 of 9 grasps are wider than the 44 mm that narrow takes; their places in /grasps: "
         "scenes/scene_0100/realsense/0000 1-2; scenes/scene_0160/realsense/0001 4-5; desk/0007 7-8"
     )
     assert "collisions were checked with rg2" in report.notes[OUTPUTS[to]]
@@ -277,7 +277,7 @@ def test_a_gripper_file_that_changed_since_is_not_taken_for_the_one_used(
     assert "collisions were checked with hand.toml, not with mine" in notes
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
-    with pytest.raises(SymgraspError, match=r"hand\.toml.* is not there any more.*name a --grip"):
+    with pytest.raises(SymgraspError, match=r"hand\.toml.* no longer exists .*name a --grip"):
         run(own, tmp_path / "away.json", to="json")
     assert run(own, tmp_path / "away.json", to="json", gripper=str(copy)).done
 
@@ -433,7 +433,7 @@ def test_a_frame_whose_file_would_be_anothers_fails_alone_and_is_named_again(
     odd = named(grasps, tmp_path / "g.h5", "a", name)
     first, second = (run(odd, tmp_path / "out", to=to) for _ in range(2))
     assert list(first.failed) == [name]
-    assert f"would take the place of {owner}" in first.failed[name]
+    assert f"would replace {owner}" in first.failed[name]
     assert "3 grasps in 2 frames" in first.notes["out"]
     assert (second.failed, second.skipped) == (first.failed, ["out"])
     assert json.loads((tmp_path / "out" / "provenance.json").read_text())["stage"] == "export"

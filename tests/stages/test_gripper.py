@@ -57,22 +57,22 @@ def test_meshes_are_read_beside_the_file(tmp_path):
     mesh = '<mesh filename="package://toy/meshes/hand.obj"/>'
     found = measured(tmp_path, URDF.replace('<box size="0.05 0.2 0.06"/>', mesh))
     assert found.palm_width == pytest.approx(0.2, abs=1e-5)
-    with pytest.raises(FormatError, match="mesh that is not there"):
+    with pytest.raises(FormatError, match="names a missing mesh"):
         measured(tmp_path, URDF.replace('<box size="0.05 0.2 0.06"/>', mesh.replace("hand", "x")))
 
 
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("prismatic", "revolute", "0 joints that slide"),
+        ("prismatic", "revolute", "0 sliding joints"),
         ("<robot", "<!DOCTYPE r [<!ENTITY a 'b'>]><robot", "not XML"),
         ("</robot>", "", "not XML"),
-        ('size="0.05 0.2 0.06"', 'size="0.05 wide 0.06"', "for a number"),
-        ('size="0.05 0.2 0.06"', 'size="0.05"', "for three numbers"),
+        ('size="0.05 0.2 0.06"', 'size="0.05 wide 0.06"', "the value 'wide'; a number"),
+        ('size="0.05 0.2 0.06"', 'size="0.05"', "the vector '0.05'; three numbers"),
         ('upper="0.04"', 'upper="0"', "measures of no gripper"),
-        ('upper="0.04"', 'upper="inf"', "for a number"),
+        ('upper="0.04"', 'upper="inf"', "the value 'inf'; a number"),
         ("robot", "model", "describes no robot"),
-        ('<child link="right"/>', '<child link="left"/>', "hangs on two joints"),
+        ('<child link="right"/>', '<child link="left"/>', "two parent joints"),
     ],
 )
 def test_what_is_no_parallel_gripper_is_a_sentence(old, new, said, tmp_path):

@@ -328,7 +328,7 @@ def test_a_picture_that_cannot_be_drawn_is_named_and_the_grasps_stay(frames, tmp
     monkeypatch.setattr(work, "find_frames", away)
     report = run(frames, tmp_path / "g.h5", overlays=tmp_path / "pictures")
     assert (list(report.failed), report.skipped) == (["a"], ["b", "c"])
-    assert "not its picture: the images are away" in report.failed["a"]
+    assert "has grasps but no picture: the images are away" in report.failed["a"]
     assert list(read_whole(tmp_path / "g.h5").frames.status) == ["ok", "ok", "empty"]
 
 

@@ -137,7 +137,7 @@ def test_a_signal_does_not_wait_long_for_the_output_which_infer_puts_together(
     cell.at(1.5, signal.raise_signal, signal.SIGTERM)
     report = cell.follow()
     assert (report.done, report.exit_code) == (["a"], 0)
-    assert "g.h5 is not of all frames" in caplog.text
+    assert "g.h5 does not hold all frames" in caplog.text
     assert not cell.output.exists()
     assert cell.infer(cell.output).skipped == ["a"]
     cell.infer(tmp_path / "plain.h5")
@@ -512,7 +512,7 @@ def test_a_part_that_somebody_took_is_left_out_with_a_warning(cell, caplog):
     cell.at(5.0, cell.write, "b")
     assert cell.follow().done == ["a", "b"]
     assert cell.statuses() == {"b": "ok"}
-    assert "a: its part is not there any more" in caplog.text
+    assert "a: its shard is missing" in caplog.text
 
 
 def test_pictures_that_an_earlier_run_did_not_draw_are_drawn(cell, tmp_path):

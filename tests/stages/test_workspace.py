@@ -68,5 +68,5 @@ def test_a_folder_of_others_is_not_replaced(tmp_path):
 
 def test_regions_outside_of_a_workspace_are_said_to_lie_where_they_do():
     message = planned(box=(5.0, 5.0, 5.0, 6.0, 6.0, 6.0)).message
-    assert "lies in the workspace; their middles lie at x " in message
+    assert "is in the workspace; their middles are at x " in message
     assert "m in the camera's frame" in message

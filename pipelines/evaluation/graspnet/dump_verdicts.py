@@ -1,6 +1,6 @@
-"""The verdicts on one dumped scene, `report.scenes/scene_NNNN_CAMERA.npz`, one row a frame.
+"""The verdicts on one dumped scene, `report.scenes/scene_NNNN_CAMERA.npz`, one row per frame.
 
-Where a frame has fewer ranked grasps than another its row is filled up with nan or -1.
+The row of a frame with fewer ranked grasps than another is filled up with nan or -1.
 """
 
 from collections.abc import Sequence
@@ -20,16 +20,16 @@ NONE = np.zeros(0)
 
 @dataclass(frozen=True)
 class FrameVerdicts:
-    """What became of one frame of a dump, and of each of its k ranked grasps."""
+    """The verdicts on one frame of a dump and on each of its k ranked grasps."""
 
     frame_id: int  # of the dataset
     status: str  # one of `DUMP_STATUSES`
-    message: str  # what is wrong with the frame's file, or with its rows; empty if nothing is
-    rows: int  # number in the file
-    left_out: int  # of these, that are no grasps
-    straightened: int  # of these, whose rotations were made exact
+    message: str  # fault of the frame's file or rows; empty without a fault
+    rows: int  # number of rows in the file
+    left_out: int  # number of rows that are no grasps
+    straightened: int  # number of rows whose rotations were made exact
     accuracy: Array  # (50, 6)
-    row: NDArray[np.generic] = field(default_factory=lambda: NONE)  # (k,) in the file
+    row: NDArray[np.generic] = field(default_factory=lambda: NONE)  # (k,) index in the file
     object_id: NDArray[np.generic] = field(default_factory=lambda: NONE)  # (k,)
     confidence: NDArray[np.generic] = field(default_factory=lambda: NONE)  # (k,)
     friction: NDArray[np.generic] = field(default_factory=lambda: NONE)  # (k,) -1 if none holds
@@ -37,12 +37,12 @@ class FrameVerdicts:
 
 
 def scenes_folder(report: Path) -> Path:
-    """Return where the verdicts of the report `report` lie, one file a scene."""
+    """Return the folder of the verdicts of the report `report`, one file per scene."""
     return report.with_suffix(".scenes")
 
 
 def write_dump_verdicts(path: Path, frames: Sequence[FrameVerdicts], stamp: Stamp) -> None:
-    """Write the verdicts on a scene's frames, and the stamp beside them."""
+    """Write the verdicts on a scene's frames, and the stamp next to them."""
     arrays: dict[str, NDArray[np.generic]] = {
         "frame_id": np.array([f.frame_id for f in frames], np.int32),
         "status": np.array([DUMP_STATUSES.index(f.status) for f in frames], np.int8),

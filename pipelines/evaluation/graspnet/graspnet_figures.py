@@ -1,7 +1,7 @@
-"""Figures and tables of GraspNet's protocol: AP by camera and split, what became of the grasps.
+"""Figures and tables of GraspNet's protocol: AP by camera and split, outcomes of the grasps.
 
-A frame without a file counts as a frame without grasps, so that nobody gains by leaving out the
-hard ones; the mean over the frames that are there stands beside it.
+A frame without a file counts as a frame without grasps, so that leaving out hard frames gains
+nothing; `ap_present` is the mean over the frames with a file.
 """
 
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ SHOWN = {"ap_0.8": AP_FRICTIONS.index(0.8), "ap_0.4": AP_FRICTIONS.index(0.4)}
 
 @dataclass
 class DumpTotals:
-    """Sums over scenes, from which every figure follows; scenes are added one by one."""
+    """Sums over scenes that give every figure; scenes are added one by one."""
 
     scenes: int = 0
     frames: int = 0
@@ -42,7 +42,7 @@ class DumpTotals:
     reachable: Array = field(default_factory=lambda: np.zeros(RANKS))  # if all grasps held
 
     def add(self, verdicts: Mapping[str, NDArray[Any]]) -> None:
-        """Add the verdicts on one scene, as `formats.dump_verdicts` reads them."""
+        """Add the verdicts on one scene, as `read_dump_verdicts` returns them."""
         self.scenes += 1
         self.frames += len(verdicts["frame_id"])
         self.absent += int((verdicts["status"] != DUMP_STATUSES.index("ok")).sum())
@@ -56,7 +56,7 @@ class DumpTotals:
         self.reasons += np.bincount(scored, minlength=len(DUMP_REASONS))
 
     def figures(self) -> DumpFigures:
-        """Return FIGURES; None where there are no frames."""
+        """Return FIGURES; a figure is None without frames."""
         by_friction = self._mean(self.frames)
         present = self._mean(self.frames - self.absent)
         return {
@@ -76,7 +76,7 @@ class DumpTotals:
         }
 
     def by_rank(self) -> DumpFigures:
-        """Return the mean accuracy at k = 1 to 50: at each friction, over them, and reachable."""
+        """Return the mean accuracy at k = 1 to 50: by friction, over frictions, and reachable."""
         accuracy = self.accuracy / max(self.frames, 1)
         held = {
             f"{mu:g}": column.tolist() for mu, column in zip(AP_FRICTIONS, accuracy.T, strict=True)
@@ -85,7 +85,7 @@ class DumpTotals:
         return {"held": held, "mean": accuracy.mean(axis=1).tolist(), "reachable": reachable}
 
     def _mean(self, frames: int) -> list[float] | None:
-        """Return AP at each friction over so many frames."""
+        """Return AP at each friction over `frames` frames; None for 0."""
         return None if frames == 0 else (self.accuracy.mean(axis=0) / frames).tolist()
 
 
@@ -99,7 +99,7 @@ class DumpTally:
     def add(
         self, name: str, camera: str, scene_id: int, verdicts: Mapping[str, NDArray[Any]]
     ) -> None:
-        """Add the verdicts on one scene, as `formats.dump_verdicts` reads them."""
+        """Add the verdicts on one scene, as `read_dump_verdicts` returns them."""
         splits = self.totals.setdefault(camera, {split: DumpTotals() for split in (*SPLITS, ALL)})
         own, total = [split for split in SPLITS if scene_id % BLOCK in SPLITS[split]], DumpTotals()
         for each in (total, *(splits[split] for split in (*own, ALL))):
@@ -107,14 +107,14 @@ class DumpTally:
         self.scenes[name] = {"split": own[0] if own else "", **total.figures()}
 
     def rows(self) -> dict[str, dict[str, DumpFigures]]:
-        """Return FIGURES by camera and split; of the split train where it was dumped."""
+        """Return FIGURES by camera and split; the split train only if it was dumped."""
         return {
             camera: {name: t.figures() for name, t in splits.items() if name != TRAIN or t.frames}
             for camera, splits in sorted(self.totals.items())
         }
 
     def accuracy(self) -> dict[str, dict[str, DumpFigures]]:
-        """Return accuracy by rank, by camera and split, of splits with frames and of all."""
+        """Return accuracy by rank for each camera and split: splits with frames, and `all`."""
         return {
             camera: {n: t.by_rank() for n, t in splits.items() if n == ALL or t.frames}
             for camera, splits in sorted(self.totals.items())
@@ -122,9 +122,9 @@ class DumpTally:
 
 
 def scene_table(scenes: Mapping[str, DumpFigures]) -> Table:
-    """Return a row a scene."""
+    """Return a table with one row per scene."""
     return Table(
-        "Average precision and what became of the ranked grasps, percent",
+        "Average precision and outcomes of the ranked grasps, percent",
         ("scene", "split", "AP", "AP 0.8", "AP 0.4", *DUMP_REASONS, "grasps", "frames", "absent"),
         tuple(
             (
@@ -157,7 +157,7 @@ def dump_tables(rows: Mapping[str, Mapping[str, DumpFigures]]) -> list[Table]:
         names=2,
     )
     fates = Table(
-        "What became of the ranked grasps, percent",
+        "Outcomes of the ranked grasps, percent",
         ("camera", "split", *DUMP_REASONS, "grasps"),
         tuple((row, split, *_shares(f["reasons"])) for row, split, f in cells),
         names=2,

@@ -1,4 +1,4 @@
-"""`report.html` of a dump scored by GraspNet's protocol: tables, curves, what became of grasps."""
+"""`report.html` of a dump scored by GraspNet's protocol: tables, curves, outcomes of the grasps."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -13,13 +13,13 @@ from pipelines.pictures.pages import rendered
 
 CHART_SPLITS = {"seen": "#1668b8", "similar": "#e08a00", "novel": "#2a9d58", "train": "#8e5bb5"}
 FRICTION_COLORS = ("#0b3c6f", "#1668b8", "#5a9bd8", "#e6a817", "#e08a00", "#d0492f")
-REACHABLE = "if all its grasps held"
+REACHABLE = "if all grasps held"
 COLORS = {reason: REASON_COLORS.get(reason, REASON_COLORS["no grasp"]) for reason in DUMP_REASONS}
 WORDS = {
     "collision": "the open gripper touches an object or the table",
-    "empty": "hardly anything of the object is between its fingers",
-    "no contact": "the closing fingers do not both touch it",
-    "friction": "it would need friction above 1.2",
+    "empty": "hardly any of the object is between the fingers",
+    "no contact": "the closing fingers do not both touch the object",
+    "friction": "the grasp would need friction above 1.2",
     "held": "held at a friction of 1.2 or less",
 }
 
@@ -27,7 +27,7 @@ WORDS = {
 def dump_page(report: Mapping[str, Any], name: str, faults: Mapping[str, str]) -> str:
     """Return the page of the `report.json` of the dump `name`.
 
-    `faults`: scene to sentence, of what is wrong with its files.
+    `faults`: scene to a sentence on the fault of its files.
     """
     precision, fates = dump_tables(report["rows"])
     how = "exact contacts and collision" if report["exact"] else "as graspnetAPI computes it"
@@ -68,7 +68,7 @@ def _tiles(rows: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str, str]]:
 
 
 def _charts(accuracy: Mapping[str, Mapping[str, Any]]) -> Iterator[LineChart]:
-    """Yield two charts a camera: all splits by friction, and the mean of frictions by split."""
+    """Yield two charts per camera: all splits by friction, and the mean of frictions by split."""
     for camera, splits in accuracy.items():
         every = splits[ALL]
         reachable = _curve(REACHABLE, every["reachable"], "#b9bec6", "5 4")
@@ -81,7 +81,7 @@ def _charts(accuracy: Mapping[str, Mapping[str, Any]]) -> Iterator[LineChart]:
             for split, color in CHART_SPLITS.items()
             if split in splits
         ]
-        words = ("k, most confident first", "share that hold")
+        words = ("k, most confident first", "share that holds")
         for title, lines in (
             ("all splits", [reachable, *by_friction]),
             ("mean over frictions", by_split),

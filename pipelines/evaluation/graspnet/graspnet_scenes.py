@@ -1,4 +1,4 @@
-"""From a scene of a dump to the verdicts on its frames."""
+"""Scoring of a dumped scene: verdicts on each of its frames."""
 
 import numpy as np
 
@@ -12,13 +12,13 @@ from pipelines.grasp_files.grasp_rows import GraspRows, read_grasp_rows
 from pipelines.metrics.graspnet.graspnet_ap import accuracy
 from pipelines.metrics.graspnet.graspnet_frames import score_rows
 
-MAX_SKEW = 0.1  # of a rotation's entries; what is farther off was not meant as one
+MAX_SKEW = 0.1  # largest error of the entries of a matrix that still counts as a rotation
 
 
 def score_scene(
     root: GraspNetRoot, dumped: DumpedScene, config: EvaluateDumpConfig
 ) -> list[FrameVerdicts]:
-    """Return the verdicts on every frame that the dataset has of a scene, in order.
+    """Return the verdicts on every frame of a scene of the dataset, in order.
 
     Raises:
         SymgraspError: the dataset lacks the scene, its camera, its models or its poses.
@@ -67,7 +67,7 @@ def _without_grasps(frame_id: int, status: str, message: str) -> FrameVerdicts:
 
 
 def _fault(name: str, given: GraspRows) -> str:
-    """Return the sentence on the rows of a file that are no grasps; empty if all are."""
+    """Return a sentence on the rows of a file that are no grasps; empty if all rows are grasps."""
     if not given.faults:
         return ""
     first = min(given.faults)

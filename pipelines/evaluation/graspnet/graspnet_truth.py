@@ -1,4 +1,4 @@
-"""The objects, poses and table of a GraspNet scene, as its protocol wants them, and digests."""
+"""The objects, poses and table of a scene for GraspNet's protocol, and their digests."""
 
 import functools
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ from pipelines.metrics.graspnet.peer_collision import NUM_CLOUD_SAMPLES, VOXEL, 
 from pipelines.metrics.mesh_collision import MeshCollider
 from pipelines.storage.provenance import FileVersion, digest_folder, digest_if_there, digest_text
 
-KEPT_OBJECTS = 28  # in memory, a grid of 8 MB each; GraspNet-1Billion's splits have no more
+KEPT_OBJECTS = 28  # in memory, with a grid of 8 MB each; no split of GraspNet-1Billion has more
 
 
 @dataclass(frozen=True)
@@ -35,12 +35,12 @@ class SceneTruth:
 
     root: GraspNetRoot
     files: SceneFiles
-    exact: bool  # objects and poses as exactly as the dataset has them, or as the peer reads them
+    exact: bool  # True: the dataset's exact objects and poses; False: as graspnetAPI reads them
     T_table_cams: Array  # (n, 4, 4) of each frame's camera; the table's top is z = 0
 
     @classmethod
     def read(cls, root: GraspNetRoot, files: SceneFiles, exact: bool) -> "SceneTruth":
-        """Read what all frames of a scene share."""
+        """Read the data that all frames of a scene share."""
         return cls(root, files, exact, files.cam0_wrt_table @ files.camera_poses)
 
     def frame(self, frame_id: int) -> tuple[list[int], PeerScene | ExactScene]:
@@ -67,20 +67,20 @@ class SceneTruth:
 
     @functools.cached_property
     def _wall_points(self) -> Array:
-        """The surroundings as the peer has objects: means of voxels of points on them."""
+        """Voxel means of points on the surroundings, in the form of graspnetAPI's objects."""
         rng = np.random.default_rng(self.files.scene_id)
         points = [sample_surface(m, NUM_CLOUD_SAMPLES, rng)[0] for m in self.files.surroundings]
         return voxel_means(np.concatenate(points), VOXEL) if points else np.zeros((0, 3))
 
     def _poses(self, frame: FrameFiles) -> list[ObjectPose]:
-        """Return poses; the peer takes the XML's four decimals, whatever the .mat says."""
+        """Return poses; graspnetAPI takes the XML's four decimals and ignores the .mat."""
         if self.exact:
             return self.root.read_annotation(frame)
         return read_annotation_xml(frame.path("annotations"))
 
 
 def object_files(root: GraspNetRoot, object_id: int, *, exact: bool) -> tuple[Path, ...]:
-    """Return the files that say what an object is: its points, and its surface or grid."""
+    """Return the files of an object's shape: its points, and its surface or grid."""
     surface = _surface(root, object_id)
     if exact:
         return (surface,)
@@ -89,16 +89,16 @@ def object_files(root: GraspNetRoot, object_id: int, *, exact: bool) -> tuple[Pa
 
 
 def grid_object(root: GraspNetRoot, object_id: int) -> GridObject:
-    """Return an object as the peer has it: its model's vertices, and `textured.sdf`.
+    """Return an object as graspnetAPI has it: its model's vertices, and `textured.sdf`.
 
-    Without that file the grid is computed from the mesh, as it would be read from the file: its six
-    digits decide on flat faces.
+    Without that file the grid is computed from the mesh and rounded to the file's six digits,
+    which decide on flat faces.
     """
     return _grid_object(*map(FileVersion.of, object_files(root, object_id, exact=False)))
 
 
 def solid_object(root: GraspNetRoot, object_id: int) -> SolidObject:
-    """Return an object as it is; whose a grasp is, points all over its surface say."""
+    """Return the exact object, with points all over its surface that assign grasps to it."""
     return _solid_object(*map(FileVersion.of, object_files(root, object_id, exact=True)), object_id)
 
 
@@ -118,20 +118,20 @@ def _solid_object(surface: FileVersion, seed: int) -> SolidObject:
 
 
 def _surface(root: GraspNetRoot, object_id: int) -> Path:
-    """Return the mesh that grids are made of, or the one that every root has."""
+    """Return the mesh that grids are made of, else the model that every root has."""
     textured = root.textured_path(object_id, ".obj")
     return textured if textured.is_file() else root.model_path(object_id)
 
 
 class InputDigests:
-    """Digests of all that decides the verdicts on a scene; each mesh is read once."""
+    """Digests of all inputs that decide the verdicts on a scene; each mesh is read once."""
 
     def __init__(self, root: GraspNetRoot, *, exact: bool) -> None:
         self._root, self._exact = root, exact
         self._digest = functools.cache(digest_if_there)
 
     def of(self, dumped: DumpedScene) -> dict[str, str]:
-        """Return digests of a scene's dump, poses and meshes; what is absent counts as absent."""
+        """Return digests of a scene's dump, poses and meshes; an absent file counts as absent."""
         files = SceneFiles(self._root.scene_folder(dumped.scene_id), dumped.scene_id, dumped.camera)
         return {
             "dump": digest_folder(dumped.folder, "*.npy"),

@@ -1,4 +1,4 @@
-"""Line charts: series of points, and their places in a figure of pixels."""
+"""Line charts: series of points, and their pixels in a figure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import ClassVar
 
 @dataclass(frozen=True)
 class Series:
-    """One line: its name in the legend, its points, and how it is drawn."""
+    """One line: name in the legend, points, and style."""
 
     name: str
     x: Sequence[float]
@@ -18,7 +18,7 @@ class Series:
 
 @dataclass(frozen=True)
 class LineChart:
-    """Lines over x from 0 to `x_end` and y from 0 to 1, as `parts.html` draws them."""
+    """Lines over x from 0 to `x_end` and y from 0 to 1, drawn by `parts.html`."""
 
     title: str
     x_label: str
@@ -26,13 +26,13 @@ class LineChart:
     lines: Sequence[Series]
     x_end: float = 1.0
 
-    width: ClassVar[int] = 420  # pixels, as all below
+    width: ClassVar[int] = 420  # pixels, as are the numbers below
     height: ClassVar[int] = 290
     left: ClassVar[int] = 52  # of the plot
     right: ClassVar[int] = 408
     top: ClassVar[int] = 12
     bottom: ClassVar[int] = 246
-    ticks: ClassVar[Sequence[float]] = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)  # of an axis' length
+    ticks: ClassVar[Sequence[float]] = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)  # shares of an axis' length
 
     def points(self, line: Series) -> list[tuple[float, float]]:
         """Return the pixels of a line's points."""

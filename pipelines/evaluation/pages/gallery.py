@@ -1,7 +1,7 @@
-"""The best and the worst frames of a report as pictures, with what became of each object.
+"""The best and the worst frames of a report as pictures, with the outcome of each object.
 
-A scene's views are much alike, so a scene gives at most its best and its worst frame. A frame is as
-good as the mean quality of a row's grasps on its visible objects.
+The views of a scene are much alike, so a scene gives at most its best and its worst frame. Frames
+are ordered by the mean quality of a row's grasps on the visible objects.
 """
 
 from base64 import b64encode
@@ -24,26 +24,26 @@ from pipelines.metrics.grasp_verdicts import Verdict
 from pipelines.pictures.overlays import draw_overlay
 from pipelines.storage.images import encode_image
 
-NUM_FRAMES = 6  # best ones of ours, and as many worst ones
-NUM_OF_OTHERS = 2  # worst ones of each other row
+NUM_FRAMES = 6  # number of our best frames, and of our worst frames
+NUM_OF_OTHERS = 2  # number of worst frames of each other row
 WIDTH = 640  # pixels, of a picture
 JPEG_QUALITY = 80
 MARGIN = 0.1  # of the image, around the objects
 SMALLEST_WINDOW = 0.4  # of the image
-TAG_DISTANCE, SPREAD_STEPS = 44.0, 20  # pixels between the numbers of objects
+TAG_DISTANCE, SPREAD_STEPS = 44.0, 20  # pixels between the numbers of objects; steps
 
 
 @dataclass(frozen=True)
 class Tag:
-    """One visible object of a picture: where it is, and what became of the row's grasp on it."""
+    """One visible object of a picture: its place, and the verdict on the row's grasp."""
 
     name: str
-    place: tuple[float, float]  # (x, y) of its middle, shares of the picture's width and height
+    place: tuple[float, float]  # (x, y) of the middle, shares of the picture's width and height
     verdict: Verdict
 
     @property
     def words(self) -> str:
-        """The object and what became of the grasp on it."""
+        """The object and the outcome of its grasp."""
         if self.verdict.reason == "held":
             return f"{self.name}: held, quality {self.verdict.quality:.2f}"
         return f"{self.name}: {self.verdict.reason}"
@@ -51,7 +51,7 @@ class Tag:
 
 @dataclass(frozen=True)
 class Picture:
-    """One frame of the gallery: its JPEG with regions and grasps drawn onto it."""
+    """One frame of the gallery: a JPEG with regions and grasps drawn onto it."""
 
     name: str
     split: str
@@ -62,13 +62,13 @@ class Picture:
 
     @property
     def source(self) -> str:
-        """The JPEG as the source of an image within a page."""
+        """The JPEG as a data URL, the source of an image in a page."""
         return f"data:image/jpeg;base64,{b64encode(self.jpeg).decode('ascii')}"
 
 
 @dataclass(frozen=True)
 class Gallery:
-    """The pictures of a report: ours, and by title the worst ones of other rows."""
+    """The pictures of a report: our best and worst, and by title the worst of other rows."""
 
     best: list[Picture] = field(default_factory=list)
     worst: list[Picture] = field(default_factory=list)
@@ -100,7 +100,7 @@ class FrameChoice:
         return best[:count], worst
 
     def _ranked(self, records: list[FrameRecord], sign: float) -> list[FrameRecord]:
-        """Return the worst frames first, by a negative `sign` the best."""
+        """Return the worst frames first; with a negative `sign` the best frames first."""
         return sorted(records, key=lambda each: (sign * mean_quality(each, self.row), each.name))
 
 
@@ -112,13 +112,13 @@ def mean_quality(record: FrameRecord, row: str) -> float:
 def draw_gallery(
     choices: Mapping[str, FrameChoice], paths: Mapping[str, Path], root: GraspNetRoot
 ) -> tuple[Gallery, dict[str, str]]:
-    """Return the gallery, and for frames that cannot be drawn the sentence that says why.
+    """Return the gallery, and frames that cannot be drawn: frame to a sentence with the reason.
 
-    `choices` and `paths`, the grasps.h5: by row, ours among them.
+    `choices` and `paths` (of each grasps.h5): by row, including ours.
     """
     try:
         names = {o.object_id: o.name for o in object_list.read(root.root / "objects.json")}
-    except SymgraspError:  # only synthesized datasets have this list
+    except SymgraspError:  # only synthesized datasets have a list of objects
         names = {}
     faults: dict[str, str] = {}
 
@@ -163,7 +163,7 @@ def _picture(
 
 
 def _window(objects: Mask) -> tuple[int, int, int, int]:
-    """Return x0, y0, x1, y1 of a part of the image, of its aspect, with room around `objects`."""
+    """Return x0, y0, x1, y1 of a window around `objects`, with the aspect of the image."""
     height, width = objects.shape
     v, u = np.nonzero(objects)
     if not len(v):
@@ -177,7 +177,7 @@ def _window(objects: Mask) -> tuple[int, int, int, int]:
 
 
 def _middle(mask: Mask, window: tuple[int, int, int, int]) -> tuple[float, float]:
-    """Return (x, y) of the pixel of `mask` nearest to its mean, as shares of the window."""
+    """Return (x, y) of the pixel of `mask` nearest to the mask's mean, as shares of the window."""
     v, u = np.nonzero(mask)
     if not len(v):
         return 0.5, 0.5
@@ -187,7 +187,7 @@ def _middle(mask: Mask, window: tuple[int, int, int, int]) -> tuple[float, float
 
 
 def _spread(places: list[tuple[float, float]], size: tuple[int, int]) -> list[tuple[float, float]]:
-    """Return `places` moved apart until the numbers written there do not hide each other."""
+    """Return `places` moved apart, so that the numbers written there do not hide each other."""
     moved = np.array(places, np.float64).reshape(-1, 2) * size
     for _ in range(SPREAD_STEPS):
         apart = moved[:, None] - moved[None]

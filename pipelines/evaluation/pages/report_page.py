@@ -1,4 +1,4 @@
-"""`report.html`: a report as one page that needs no other file and no network."""
+"""`report.html`: a report as one page, without other files and without a network."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -21,12 +21,12 @@ REASON_COLORS = dict(
         strict=True)
 )  # fmt: skip
 REASON_WORDS = {
-    "no region": "no region of the detector lies on it",
-    "no grasp": "its regions gave no grasp",
-    "too wide": "wider than the gripper opens",
+    "no region": "no detected region is on the object",
+    "no grasp": "the object's regions gave no grasp",
+    "too wide": "the grasp is wider than the gripper opens",
     "collision": "the open gripper touches an object or the table",
-    "no contact": "the closing fingers do not both touch it",
-    "friction": "it would need friction above 1",
+    "no contact": "the closing fingers do not both touch the object",
+    "friction": "the grasp would need friction above 1",
     "held": "held",
 }
 
@@ -51,7 +51,7 @@ def report_page(report: Mapping[str, Any], gallery: Gallery) -> str:
 
 
 def provenance_table(report: Mapping[str, Any]) -> Table:
-    """Return how a report was made."""
+    """Return the settings and inputs of a report as a table."""
     stamp = report.get("provenance", {})
     facts = [("symgrasp", stamp.get("version")), ("seed", stamp.get("seed"))]
     facts += [*stamp.get("inputs", {}).items(), *stamp.get("config", {}).items()]
@@ -60,7 +60,7 @@ def provenance_table(report: Mapping[str, Any]) -> Table:
 
 
 def _tiles(report: Mapping[str, Any]) -> list[tuple[str, str, str]]:
-    """Return the headline figures, each with its name and the paper's."""
+    """Return the headline figures, each with its name and the paper's figure."""
     figures = _ours(report)
     precision = figures.get("symmetry_ap", {})
     seconds = report.get("seconds_per_frame")
@@ -88,7 +88,7 @@ def _ours(report: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _held_charts(report: Mapping[str, Any]) -> Iterator[LineChart]:
-    """Yield the share of objects held by friction, if that was evaluated."""
+    """Yield the chart of the share of objects held by friction, if evaluated."""
     curves = report.get("curves", {})
     lines = [
         Series(report_row(row).title, curves["friction"], share, report_row(row).color)
@@ -100,7 +100,7 @@ def _held_charts(report: Mapping[str, Any]) -> Iterator[LineChart]:
 
 
 def _symmetry_charts(report: Mapping[str, Any]) -> Iterator[LineChart]:
-    """Yield precision-recall of ours, a chart a kind with a line a threshold."""
+    """Yield our precision-recall curves: a chart per kind, with a line per threshold."""
     curves = report.get("curves", {})
     found = curves.get("symmetry", {}).get(OURS, {})
     blue = report_row(OURS).color

@@ -1,8 +1,8 @@
-"""Predictions as Contact-GraspNet saves them, without its pickles.
+"""Predictions as Contact-GraspNet saves them, without pickles.
 
 OUT/predictions_NAME.npz holds a plain array per key and segment, `pred_grasps_cam/3`, where
-Contact-GraspNet has a pickled dict per key (D. 70, formats.md says how to make these of it).
-Segments are regions, counted from 1: 0 is its background.
+Contact-GraspNet has a pickled dict per key (D. 70; formats.md shows how to make the dicts).
+Segments are regions, counted from 1: 0 is Contact-GraspNet's background.
 """
 
 from pathlib import Path
@@ -13,13 +13,13 @@ from pipelines.grasp_files.exports.grasp_exports import ExportHeader, FrameGrasp
 from pipelines.grasping.grasps import CLOSING_ALONG_X, gripper_poses
 from pipelines.storage.files import write_npz
 
-# Metres from the origin of the Franka hand to the middle of its finger pads: where the contacts of
-# Contact-GraspNet's own poses lie.
+# Metres from the origin of the Franka hand to the middle of the finger pads, where the contacts of
+# Contact-GraspNet's poses are.
 BASE_TO_CONTACTS = 0.1034
 
 
 def write_frame(path: Path, frame: FrameGrasps, _header: ExportHeader) -> None:
-    """Write the file of a frame, predictions_NAME.npz; without grasps it holds no segment."""
+    """Write the file of a frame, predictions_NAME.npz; a frame without grasps has no segment."""
     gripper, region = frame.gripper, frame.result.grasps.region
     columns = {
         "pred_grasps_cam": gripper_poses(frame.grasps, gripper.base_to_contacts, CLOSING_ALONG_X),

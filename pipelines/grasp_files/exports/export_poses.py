@@ -1,4 +1,4 @@
-"""Origin and frame of exported poses: the gripper's base or tool, of the camera or the robot."""
+"""Origin and frame of exported poses: gripper base or tool point, in camera or robot frame."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,14 +19,14 @@ LONGEST_TOOL = 1.0  # metres from a mounting face to a tool centre point
 
 @dataclass(frozen=True)
 class ExportGripper:
-    """The gripper that poses are given for.
+    """The gripper of exported poses.
 
     Attributes:
-        model: its measures.
+        model: measures of the gripper.
         base_to_contacts: metres along approach, from the poses' origin to the contact line.
-        checked_with: name of the gripper whose collisions `infer` checked.
-        is_the_one_checked: whether that one has the same measures.
-        origin: the point whose poses are given, in words.
+        checked_with: name of the gripper that `infer` checked collisions with.
+        is_the_one_checked: whether that gripper has the same measures.
+        origin: the origin of the poses, in words.
     """
 
     model: Gripper
@@ -37,11 +37,11 @@ class ExportGripper:
 
     @property
     def words(self) -> str:
-        """What the poses are of."""
+        """Origin and axes of the poses, in words."""
         return f"{self.origin} of {self.model.name}: {GRIPPER_AXES}"
 
     def facts(self) -> dict[str, Any]:
-        """Return what a file says of the gripper, metres."""
+        """Return the entries of a file on the gripper, metres."""
         return {
             "name": self.model.name,
             "origin": self.origin,
@@ -55,12 +55,12 @@ class ExportGripper:
 
 @dataclass(frozen=True)
 class PoseFrame:
-    """The frame that poses are given in.
+    """The frame of exported poses.
 
     Attributes:
-        T_frame_cam: (4, 4), camera to it.
-        frame_id: its name in ROS.
-        axes: its axes in words.
+        T_frame_cam: (4, 4), camera to this frame.
+        frame_id: name in ROS.
+        axes: axes in words.
     """
 
     T_frame_cam: Array = field(default_factory=lambda: np.eye(4))
@@ -71,10 +71,10 @@ class PoseFrame:
 def pose_origin(tcp: str, model: Gripper, behind: float) -> tuple[float, str]:
     """Return metres along approach from the poses' origin to the contact line; the origin in words.
 
-    The origin is the tool centre point `tcp`; if that is empty, the base, `behind` metres away.
+    The origin is the tool centre point `tcp`; if `tcp` is empty, the base, `behind` metres away.
 
     Raises:
-        ValueRangeError: `tcp` is no name of a point, and no distance.
+        ValueRangeError: `tcp` is neither the name of a point nor a distance.
     """
     if not tcp:
         return behind, ExportGripper.origin
@@ -90,9 +90,9 @@ def pose_origin(tcp: str, model: Gripper, behind: float) -> tuple[float, str]:
 
 
 def pose_frame(camera_to_base: Path | None, frame_id: str) -> PoseFrame:
-    """Return the camera's frame, or the robot's base frame of a hand-eye calibration.
+    """Return the camera frame, or the robot's base frame of a hand-eye calibration.
 
-    `frame_id`: name of the frame in ROS; empty for the one that the file names, or the usual.
+    `frame_id`: name of the frame in ROS; empty for the file's name of it, else the default.
 
     Raises:
         FormatError: the file is no hand-eye calibration.

@@ -1,4 +1,4 @@
-"""Tally of an export: how many grasps are written and left out, and why, as notes."""
+"""Tally of an export: numbers of grasps written and left out, with reasons, as notes."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -9,19 +9,19 @@ from numpy.typing import NDArray
 from pipelines.grasp_files.exports.export_poses import ExportGripper
 from pipelines.grasp_files.exports.grasp_exports import FrameGrasps
 
-NAMED_AT_MOST = 10  # frames in a sentence
+NAMED_AT_MOST = 10  # frames named in a sentence
 
 
 @dataclass
 class ExportTally:
-    """Numbers of grasps; `left_out`: of each frame, places of those too wide for the gripper."""
+    """Numbers of grasps; `left_out`: frame to places of grasps too wide for the gripper."""
 
     written: int = 0
     low: int = 0
     left_out: dict[str, NDArray[np.int64]] = field(default_factory=dict)
 
     def counted(self, frames: Iterable[FrameGrasps]) -> Iterator[FrameGrasps]:
-        """Yield the frames that are written, and count what of them is and what is left out."""
+        """Yield the frames, and count their written and left-out grasps."""
         for frame in frames:
             self.written += len(frame)
             self.low += len(frame.low)
@@ -50,14 +50,14 @@ class ExportTally:
             places.append(f"and more in {len(self.left_out) - NAMED_AT_MOST} frames")
         count = sum(map(len, self.left_out.values()))
         wide = (
-            f"{count} of {self.written + self.low + count} grasps, wider than the "
-            f"{1000 * gripper.model.max_width:.0f} mm that {name} takes, by their places in "
+            f"{count} of {self.written + self.low + count} grasps are wider than the "
+            f"{1000 * gripper.model.max_width:.0f} mm that {name} takes; their places in "
             f"/grasps: {'; '.join(places)}"
         )
         return {output: made, "left out": wide}
 
 
 def as_ranges(places: NDArray[np.int64]) -> str:
-    """Return ascending whole numbers as text, runs as first-last: 3, 5-9."""
+    """Return ascending whole numbers as text, with consecutive numbers as first-last: 3, 5-9."""
     runs = np.split(places, np.flatnonzero(np.diff(places) != 1) + 1)
     return ", ".join(str(r[0]) if len(r) == 1 else f"{r[0]}-{r[-1]}" for r in runs if len(r))

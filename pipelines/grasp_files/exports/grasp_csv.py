@@ -1,4 +1,4 @@
-"""All grasps as one table of text, a grasp a line; lines before it, with #, say what it means."""
+"""All grasps as one CSV table, one grasp per line; lines with # before the table explain it."""
 
 import csv
 import json
@@ -15,7 +15,7 @@ from pipelines.storage.files import atomic_path
 
 FORMAT_VERSION = 2
 TITLE = "SymGrasp grasps"
-FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")  # of cells that spreadsheets compute
+FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")  # first characters of cells with formulas
 FORMULA_CELL = re.compile(r"[,;](?=[=+\-@])")
 COLUMNS = (
     *("frame", "rank_in_frame", "grasp", "region", "is_best", "rank_score", "worth_trying"),
@@ -27,7 +27,7 @@ COLUMNS = (
 
 
 def write(path: Path, frames: Iterable[FrameGrasps], header: ExportHeader) -> None:
-    """Write `frames`, one in memory at a time; one without grasps is a line with #."""
+    """Write `frames`, one in memory at a time; a frame without grasps is a line with #."""
     with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as out:
         for key, value in _head(header).items():
             out.write(_comment(f"{key}: {value}"))
@@ -42,7 +42,7 @@ def write(path: Path, frames: Iterable[FrameGrasps], header: ExportHeader) -> No
 
 
 def _comment(text: str) -> str:
-    """Return a line that is passed over; no cell of it begins as a formula after a comma."""
+    """Return a comment line in which no cell begins as a formula after a comma."""
     return f"# {FORMULA_CELL.sub(', ', printable(text))}\n"
 
 
@@ -52,7 +52,7 @@ def _as_text(name: str) -> str:
 
 
 def is_ours(path: Path) -> bool:
-    """Return whether the file starts as those that `write` makes."""
+    """Return whether the file starts like the files of `write`."""
     with path.open("rb") as stream:
         return stream.read(len(TITLE) + 2) == f"# {TITLE}".encode()
 

@@ -1,4 +1,4 @@
-"""Grasps of a frame as poses of a gripper, in the frame's order: the common part of all exports."""
+"""Grasps of a frame as gripper poses, ordered by rank: the common part of all exports."""
 
 import os
 from collections.abc import Mapping
@@ -18,21 +18,21 @@ from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable
 from pipelines.grasping.grasps import CLOSING_ALONG_Y, GraspPoses, gripper_poses
 from pipelines.storage.files import LONGEST_NAME, real_path
 
-LONGEST_PREFIX, LONGEST_SUFFIX = "predictions_", ".yaml"  # that any format puts to a frame's name
+LONGEST_PREFIX, LONGEST_SUFFIX = "predictions_", ".yaml"  # that a format adds to a frame's name
 SLACK = 1e-6  # metres; widths are stored in single precision
 
 
 @dataclass(frozen=True)
 class FrameGrasps:
-    """The grasps of a frame that are exported, best first."""
+    """The exported grasps of a frame, best first."""
 
-    # The frame; its `grasps` are the g exported ones, numbered anew by `rank_in_frame`.
+    # `result.grasps` holds the g exported grasps, with a new `rank_in_frame`.
     result: FrameResult
     rows: NDArray[np.int64]  # (g,) places in `/grasps` of grasps.h5
-    left_out: NDArray[np.int64]  # (n,) places of those that are wider than the gripper opens
-    low: NDArray[np.int64]  # (m,) places of others that score too low
-    grasps: GraspPoses  # the exported ones in double precision, in the frame of `PoseFrame`
-    gripper: ExportGripper  # whose poses they are
+    left_out: NDArray[np.int64]  # (n,) places of grasps that are wider than the gripper opens
+    low: NDArray[np.int64]  # (m,) places of other grasps that score too low
+    grasps: GraspPoses  # the exported grasps in double precision, in the frame of `PoseFrame`
+    gripper: ExportGripper  # the gripper of the poses
 
     @classmethod
     def of(
@@ -43,12 +43,13 @@ class FrameGrasps:
         min_score: float = 0.0,
         frame: PoseFrame | None = None,
     ) -> "FrameGrasps":
-        """Return what is exported of a frame: what `gripper` opens wide enough for.
+        """Return the exported grasps of a frame: all that `gripper` opens wide enough for.
 
-        `first_row`: of its grasps in /grasps. `frame`: of the poses; None for the camera's.
+        `first_row`: of the frame's grasps in /grasps. `frame`: of the poses; None for the camera
+        frame.
 
         Raises:
-            SymgraspError: a pose is not finite, or no rotation.
+            SymgraspError: a pose is not finite, or has no rotation.
         """
         table = result.grasps
         for name in ("rotation", "translation", "width", "contacts"):
@@ -72,31 +73,31 @@ class FrameGrasps:
 
     @property
     def opening(self) -> Array:
-        """(g,) metres between the open fingers."""
+        """Distance (g,) of the open fingers, metres."""
         return self.gripper.model.opening(self.grasps.width)
 
     @property
     def poses(self) -> Array:
-        """(g, 4, 4) gripper to the frame of `grasps`; axes as `GRIPPER_AXES` says."""
+        """Poses (g, 4, 4), gripper to the frame of `grasps`; axes as in `GRIPPER_AXES`."""
         return gripper_poses(self.grasps, self.gripper.base_to_contacts, CLOSING_ALONG_Y)
 
     @property
     def quaternions(self) -> Array:
-        """(g, 4), w first, of `poses`."""
+        """Quaternions (g, 4) of `poses`, w first."""
         if not len(self):
             return np.zeros((0, 4))  # SciPy takes no empty stack
         return matrix_to_quaternion(self.poses[:, :3, :3])
 
     @property
     def symmetries(self) -> list[str]:
-        """The kind of symmetry that gave each grasp's second contact; none where none did."""
+        """The kind of symmetry that gave each grasp's second contact, or `none`."""
         slots = self.result.grasps.symmetry_slot.tolist()
         return [KIND_OF_SLOT[slot] if slot >= 0 else "none" for slot in slots]
 
 
 @dataclass(frozen=True)
 class ExportHeader:
-    """The facts of a whole export: whose poses, in which frame, and how it was made."""
+    """The facts of a whole export: gripper and frame of the poses, and stamps."""
 
     gripper: ExportGripper
     frame: PoseFrame
@@ -105,7 +106,7 @@ class ExportHeader:
 
 
 def _with_best(held: GraspTable) -> GraspTable:
-    """Return `held` where each region has a best grasp: the next one if it was left out."""
+    """Return `held` with a best grasp for each region: the next grasp if the best was left out."""
     is_best = held.is_best.copy()
     for region in np.setdiff1d(held.region, held.region[is_best]).tolist():
         is_best[np.flatnonzero(held.region == region)[0]] = True
@@ -113,48 +114,48 @@ def _with_best(held: GraspTable) -> GraspTable:
 
 
 def frame_path(name: str, prefix: str, suffix: str) -> Path:
-    """Return where in a folder the file of the frame `name` goes.
+    """Return the path of the file of the frame `name` in an output folder.
 
     Raises:
-        SymgraspError: the name leads out of the folder, or is longer than a file's may be.
+        SymgraspError: the name leads out of the folder, or is too long for a file.
     """
     place = PurePosixPath(name)
     if not place.name or place.is_absolute() or ".." in place.parts or "\\" in name:
-        raise SymgraspError(f"the frame's name {name!r} is no path within a folder; rename it")
+        raise SymgraspError(f"the frame name {name!r} is no path within a folder; rename the frame")
     below = place.parent / f"{prefix}{place.name}{suffix}"
     if max(len(os.fsencode(part)) for part in below.parts) > LONGEST_NAME:
-        raise SymgraspError(f"the frame's name {name!r} is too long for a file's; rename it")
+        raise SymgraspError(f"the frame name {name!r} is too long for a file; rename the frame")
     return Path(below)
 
 
 class Claims:
-    """Which files of a folder are whose, so that no frame's file takes another's place."""
+    """The owners of the files in a folder, so that no frame's file replaces another's."""
 
     def __init__(self, *, folds_case: bool) -> None:
-        """`folds_case`: whether names that differ in case alone are one."""
+        """`folds_case`: whether names that differ only in case are one name."""
         self._folds_case = folds_case
         self._owners: dict[Path, str] = {}
         self._folders: set[Path] = set()
 
     def claim(self, path: Path, owner: str) -> None:
-        """Note that the file `path` within the folder is that of `owner`.
+        """Note that the file `path` within the folder belongs to `owner`.
 
         Raises:
-            SymgraspError: it is another's, a folder of others', or would lie in a file.
+            SymgraspError: `path` belongs to another frame, is a folder, or would be in a file.
         """
         key = Path(str(path).casefold()) if self._folds_case else path
         for place in (key, *key.parents):
             if place in self._owners:
                 owners = self._owners[place]
-                raise SymgraspError(f"its file {path} would take the place of {owners}; rename it")
+                raise SymgraspError(f"its file {path} would replace {owners}; rename the frame")
         if key in self._folders:
-            raise SymgraspError(f"its file {path} is a folder of other frames; rename it")
+            raise SymgraspError(f"its file {path} is a folder of other frames; rename the frame")
         self._owners[key] = owner
         self._folders |= set(key.parents)
 
 
 def folds_case(folder: Path) -> bool:
-    """Return whether names in `folder` that differ in case alone are one, as macOS takes them."""
+    """Return whether names in `folder` that differ only in case are one name, as on macOS."""
     folder = real_path(folder)
     for place in (folder, *folder.parents):
         swapped = place.parent / place.name.swapcase()
@@ -164,7 +165,7 @@ def folds_case(folder: Path) -> bool:
 
 
 def rounded(values: NDArray[Any]) -> list[Any]:
-    """Return numbers as JSON has them, to a nanometre; null where they are not finite."""
+    """Return numbers for JSON, rounded to 9 decimals; None where a number is not finite."""
     flat = [round(v, 9) + 0.0 if np.isfinite(v) else None for v in values.ravel().tolist()]
     for length in reversed(values.shape[1:]):
         flat = [flat[i : i + length] for i in range(0, len(flat), length)]

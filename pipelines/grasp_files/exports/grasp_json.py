@@ -1,4 +1,4 @@
-"""All grasps as one JSON text that needs no other: units, frames, gripper and how it was made."""
+"""All grasps as one self-contained JSON text: units, frames, gripper, settings and stamps."""
 
 import json
 from collections.abc import Iterable
@@ -15,13 +15,13 @@ CONVENTIONS = {
     "translation": "midpoint of the contacts",
     "width": "distance of the contacts",
     "opening": "distance of the open fingers: width and the gripper's clearance on each side",
-    "rank_score": "0 to 1, higher is better; grasps of a frame come in its order, rank_in_frame 0 "
-    "first; is_best marks the first of its region; worth_trying is false where little is expected",
+    "rank_score": "0 to 1, higher is better; it orders the grasps of a frame, rank_in_frame 0 "
+    "first; is_best marks the best grasp of a region; worth_trying is false for low scores",
 }
 
 
 def write(path: Path, frames: Iterable[FrameGrasps], header: ExportHeader) -> None:
-    """Write `frames`, one in memory at a time, a grasp a line."""
+    """Write `frames`, one in memory at a time, one grasp per line."""
     head = {
         "format": "symgrasp-grasps",
         "format_version": FORMAT_VERSION,
@@ -44,7 +44,7 @@ def write(path: Path, frames: Iterable[FrameGrasps], header: ExportHeader) -> No
 
 
 def frame_text(frame: FrameGrasps, name: str | None = None) -> str:
-    """Return a frame with its grasps as JSON, a grasp a line; `name` instead of the frame's."""
+    """Return a frame as JSON, one grasp per line; `name` replaces the frame's name, if given."""
     result, camera = frame.result, frame.result.intrinsics
     names = ("fx", "fy", "cx", "cy", "width", "height")
     facts = {

@@ -1,11 +1,11 @@
-"""Dumps of grasp detectors as graspnetAPI evaluates them: one array of grasp rows a frame.
+"""Dumps of grasp detectors as graspnetAPI evaluates them: one array of grasp rows per frame.
 
 DUMP/scene_NNNN/{kinect,realsense}/NNNN.npy     (N, 17), see `grasp_rows`; camera frame
 
-Ours have the rank score as score and the gripper's opening as width; the finger tips pass the
+Our rows have the rank score as score and the gripper's opening as width; the finger tips pass the
 contacts by the gripper's reach, so `from_graspnet(rows, tip_reach=...)` gives the grasps back.
-Frames of several datasets that would have one place keep their names: DUMP/ROOT/scenes is a dump
-of each.
+If frames of several datasets would share a path, files have the names of the frames:
+DUMP/ROOT/scenes is the dump of one dataset.
 """
 
 import re
@@ -31,12 +31,12 @@ class DumpedScene:
     camera: str
 
     def path(self, frame_id: int) -> Path:
-        """Return where the grasps of a frame are."""
+        """Return the path of the grasps of a frame."""
         return self.folder / f"{frame_id:04d}.npy"
 
     @property
     def frame_ids(self) -> list[int]:
-        """The ids of the frames that are there, ascending."""
+        """The ids of the dumped frames, ascending."""
         return sorted(int(file.stem) for file in self.folder.glob("*.npy") if file.stem.isdecimal())
 
 
@@ -44,7 +44,7 @@ def dumped_scenes(dump: Path) -> list[DumpedScene]:
     """List the scenes and cameras of a dump, in order.
 
     Raises:
-        FormatError: there are none.
+        FormatError: the folder holds no scenes of a dump.
     """
     found = [
         DumpedScene(scene / camera, int(match[1]), camera)
@@ -58,16 +58,16 @@ def dumped_scenes(dump: Path) -> list[DumpedScene]:
         within = sorted(
             path.parent.relative_to(dump).as_posix() for each in scenes for path in dump.glob(each)
         )
-        hint = f"; its folder {within[0]} holds scenes, give that" if within else ""
+        hint = f"; the folder {within[0]} in it holds scenes, give this folder" if within else ""
         raise FormatError(dump, "no dump of a grasp detector", WANTED + hint)
     return found
 
 
 def frame_file(name: str, *, by_name: bool = False) -> Path:
-    """Return where in a dump graspnetAPI looks for the grasps of the frame `name`.
+    """Return the path in a dump where graspnetAPI expects the grasps of the frame `name`.
 
-    A frame that is none of a dataset has NAME.npy, which graspnetAPI's GraspGroup reads; and, with
-    `by_name`, every frame has.
+    A frame outside of a dataset has NAME.npy, which graspnetAPI's GraspGroup reads; with `by_name`
+    every frame has NAME.npy.
 
     Raises:
         SymgraspError: the frame's name leads out of the folder.
@@ -80,7 +80,7 @@ def frame_file(name: str, *, by_name: bool = False) -> Path:
 
 
 def shared_place(names: Iterable[str]) -> tuple[str, str] | None:
-    """Return the first two of the frames `names` that have one place in a dump, if any have."""
+    """Return the first two of the frames `names` that share a path in a dump; None if none do."""
     owners: dict[tuple[int, str, int], str] = {}
     for name in names:
         key = frame_key(name)
@@ -93,8 +93,8 @@ def shared_place(names: Iterable[str]) -> tuple[str, str] | None:
 
 
 def write_frame(path: Path, frame: FrameGrasps, _header: ExportHeader) -> None:
-    """Write the grasps of a frame to `path` in a dump, `frame_file`."""
+    """Write the grasps of a frame to `path`, the result of `frame_file`."""
     rank, reach = frame.result.grasps.rank_score, frame.gripper.model.tip_reach
-    depth = frame.gripper.base_to_contacts + reach  # the origin's, from the finger tips
+    depth = frame.gripper.base_to_contacts + reach  # from the origin to the finger tips
     rows = to_graspnet(frame.grasps, rank, opening=frame.opening, tip_reach=reach, depth=depth)
     write_npy(path, rows)

@@ -1,7 +1,7 @@
-"""isaac_grasp files, as Isaac Sim and Isaac ROS read them: OUT/NAME.yaml, one a frame.
+"""isaac_grasp files for Isaac Sim and Isaac ROS: OUT/NAME.yaml, one file per frame.
 
-Poses are relative to the camera, or the robot's base, which takes the object's place: nothing is
-known of the object.
+Poses are relative to the camera or the robot's base instead of the object, because the object's
+pose is unknown.
 """
 
 import json
@@ -12,7 +12,7 @@ from pipelines.array_types import Array
 from pipelines.grasp_files.exports.grasp_exports import ExportHeader, FrameGrasps
 from pipelines.storage.files import write_text
 
-# Joints whose position is half the distance of the fingers. Files of other grippers name no joint.
+# Joints with half the distance of the fingers as position. Other grippers' files name no joint.
 FINGER_JOINTS = {"franka": "panda_finger_joint1"}
 
 
@@ -55,5 +55,5 @@ def _grasps(frame: FrameGrasps) -> Iterator[str]:
 
 
 def _row(values: Array) -> str:
-    # No exponents: YAML 1.1 takes 1e-05 for a text.
+    # No exponents: YAML 1.1 reads 1e-05 as text.
     return "[" + ", ".join(f"{value:.9f}" for value in values) + "]"

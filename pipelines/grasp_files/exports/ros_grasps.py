@@ -1,6 +1,6 @@
-"""Grasps as JSON in the words of ROS messages: OUT/NAME.json, one a frame.
+"""Grasps as JSON with the field names of ROS messages: OUT/NAME.json, one file per frame.
 
-`pose_array` is a geometry_msgs/PoseArray, poses of the gripper; lists beside it are in its order.
+`pose_array` is a geometry_msgs/PoseArray of gripper poses; the other lists have the same order.
 """
 
 import re
@@ -14,7 +14,8 @@ from pipelines.grasp_files.exports.grasp_exports import ExportHeader, FrameGrasp
 from pipelines.storage.files import write_json
 
 FORMAT_VERSION = 2
-# Times in frames' names: seconds with decimals (TUM), and since 2001 milli-, micro-, nanoseconds.
+# Unix times of 2001 or later in frames' names: seconds with decimals (TUM), milli-, micro- or
+# nanoseconds.
 SECONDS = re.compile(r"(?<!\d)(\d{10})\.(\d{1,9})(?!\d)")
 WHOLE = re.compile(r"(?<!\d)(\d{13}|\d{16}|\d{19})(?!\d)")
 
@@ -46,7 +47,7 @@ def write_frame(path: Path, frame: FrameGrasps, header: ExportHeader) -> None:
 
 
 def time_of(name: str) -> dict[str, int]:
-    """Return the time that the frame's name says, as frames of bags and of TUM have it, else 0."""
+    """Return the time in the frame's name, as frames of bags and of TUM have it, else 0."""
     last = PurePosixPath(name).name
     if found := SECONDS.search(last):
         return {"sec": int(found[1]), "nanosec": int(found[2].ljust(9, "0"))}

@@ -1,1 +1,1 @@
-"""The methods that the paper compares with, on a frame."""
+"""The compared methods of the paper, applied to a frame."""

@@ -1,4 +1,4 @@
-"""The grasps of a compared method, region by region as `grasps.h5` has them."""
+"""The grasps of a compared method, assigned to regions for `grasps.h5`."""
 
 from collections.abc import Callable
 
@@ -19,14 +19,14 @@ from pipelines.inference.plans import Plan
 from pipelines.inference.regions import REST, Region
 
 MOST_GRASPS = 300  # of a frame
-NMS_DISTANCE, NMS_ANGLE = 0.03, float(np.radians(30.0))  # as GraspNet-1Billion's benchmark has them
-MOST_COMPARED = 3000  # grasps, the best, among which alike ones are sought
-ON_REGION = 0.03  # metres from a region's points to the contacts' middle
+NMS_DISTANCE, NMS_ANGLE = 0.03, float(np.radians(30.0))  # as in GraspNet-1Billion's benchmark
+MOST_COMPARED = 3000  # best grasps that enter non-maximum suppression
+ON_REGION = 0.03  # metres from a region's points to the midpoint of the contacts
 AS_GIVEN = np.zeros(1)  # radians: a compared method's grasps are not turned
-OWN_SCORE = "own"  # the origin of the scores: the method's
+OWN_SCORE = "own"  # the ranker: scores of the compared method
 
-# A method that finds grasps, camera frame, in a whole frame, and says its own score (n,) of each.
-# The scene has depth without the holes of sparse sensors; the generator is for what is drawn.
+# A method that finds grasps, camera frame, in a whole frame, with the method's score (n,) of each.
+# The scene has depth without the holes of sparse sensors; the generator is for random draws.
 FrameMethod = Callable[[Frame, SceneCloud, np.random.Generator], tuple[GraspPoses, Array]]
 
 
@@ -38,9 +38,9 @@ def plans_of_whole(
     config: InferConfig,
     rng: np.random.Generator,
 ) -> tuple[list[Region], list[Plan]]:
-    """Return the regions of a frame, and of the grasps that `peer` finds those on each.
+    """Return the regions of a frame, and for each region the grasps that `peer` finds on it.
 
-    Grasps on none of them belong to a last region, the rest of the image.
+    Grasps on no region belong to an additional last region, the rest of the image.
     """
     grasps, score = best_first(*peer(frame, seen.scene, rng), seen.scene)
     regions, clouds = seen.in_workspace()
@@ -75,9 +75,9 @@ def feasible_grasps(
     gripper: Gripper,
     config: SelectionConfig,
 ) -> Indices:
-    """Return which grasps our selection finds feasible at their region (Sec. III-F).
+    """Return the indices of grasps that our selection finds feasible at their region (Sec. III-F).
 
-    `owner` (n,): of `clouds`; at none of them no grasp is feasible. The order is kept.
+    `owner`: (n,) index in `clouds`; a grasp without a region is not feasible. The order is kept.
     """
     kept: list[Indices] = [np.zeros(0, np.int64)]
     for place, cloud in enumerate(clouds):
@@ -94,7 +94,7 @@ def feasible_grasps(
 
 
 def region_of_each(grasps: GraspPoses, clouds: list[RegionCloud]) -> Indices:
-    """Return (n,) the region nearest to each grasp; len(clouds) where none is near."""
+    """Return (n,) the region nearest to each grasp; len(clouds) if no region is near."""
     distances = [
         KDTree(cloud.points).query(grasps.translation)[0]
         if len(cloud)
@@ -106,7 +106,7 @@ def region_of_each(grasps: GraspPoses, clouds: list[RegionCloud]) -> Indices:
 
 
 def own_ranking(grasps: GraspPoses, score: Array, method: str) -> RankedGrasps:
-    """Return grasps with their scores; what the method does not measure is 0."""
+    """Return grasps ranked by `score`; columns that the method does not measure are 0."""
     zero = np.zeros(len(grasps))
     return RankedGrasps(
         grasps,

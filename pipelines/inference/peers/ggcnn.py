@@ -28,8 +28,8 @@ class GGCNNMethod:
     def grasps(
         self, frame: Frame, scene: SceneCloud, rng: np.random.Generator
     ) -> tuple[GraspPoses, Array]:
-        """Return grasps, camera frame, and the quality that the network predicts."""
-        del frame, rng  # it sees depth alone, and draws nothing
+        """Return grasps, camera frame, and the predicted quality of each."""
+        del frame, rng  # the method needs depth alone, and no random numbers
         depth = whole_depth(scene.depth.astype(np.float32), scene.intrinsics, scene.plane)
         rows = self.maps(depth).rectangles()
         rows = scaled_rows(rows, min(depth.shape) / MAP_SIDE)
@@ -38,7 +38,7 @@ class GGCNNMethod:
 
     @torch.inference_mode()
     def maps(self, depth: Singles) -> GraspMaps:
-        """Return the maps over `depth` (H, W), metres, with the shorter side at 300 pixels."""
+        """Return the maps of `depth` (H, W), metres, resized to 300 pixels on the shorter side."""
         height, width = (
             max(MAP_SIDE, round(side * MAP_SIDE / min(depth.shape))) for side in depth.shape
         )

@@ -1,4 +1,4 @@
-"""GraspNet's baseline on a frame: a hand at each seed, the free ones kept."""
+"""GraspNet's baseline on a frame: one hand per seed, without colliding hands."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ COLLISION_CELL, COLLISION_WAY_IN = 0.01, 0.05  # metres, of the collision test
 
 @dataclass(frozen=True)
 class GraspNetMethod:
-    """GraspNet's baseline, trained; `grasps` is a `FrameMethod`."""
+    """A trained GraspNet baseline; `grasps` is a `FrameMethod`."""
 
     network: GraspNetBaseline
     gripper: Gripper
@@ -30,12 +30,12 @@ class GraspNetMethod:
     def grasps(
         self, frame: Frame, scene: SceneCloud, rng: np.random.Generator
     ) -> tuple[GraspPoses, Array]:
-        """Return the grasps that meet nothing, camera frame, and the predicted score of each.
+        """Return the collision-free grasps, camera frame, and the predicted score of each.
 
-        The score is the best value of a grasp there, ln(1 / friction), times the share of the
-        widest tolerance.
+        The score is the best predicted value at the seed, ln(1 / friction), times the tolerance as
+        a share of the widest tolerance.
         """
-        del frame  # it sees depth alone
+        del frame  # the method needs depth alone
         cloud = scene.xyz[boxed_points(scene)]
         if not len(cloud):
             return GraspPoses.empty(), np.zeros(0)
@@ -50,20 +50,20 @@ class GraspNetMethod:
         view = seeds.views[0].argmax(dim=1).cpu().numpy()
         frames = view_rotations()[view]
         untwisted = torch.from_numpy(frames[:, 0])[None].to(self.device)
-        said = self.network.operations(points, seeds.points, untwisted)
-        hands, score = best_hands(seeds.points[0].cpu().numpy(), frames, said)
+        predicted = self.network.operations(points, seeds.points, untwisted)
+        hands, score = best_hands(seeds.points[0].cpu().numpy(), frames, predicted)
         on_object = (seeds.objectness[0].argmax(dim=1) == 1).cpu().numpy()
         return hands[on_object], score[on_object]
 
 
-def best_hands(seeds: Array, frames: Array, said: Operations) -> tuple[Hands, Array]:
+def best_hands(seeds: Array, frames: Array, predicted: Operations) -> tuple[Hands, Array]:
     """Return the best hand at each of S seeds, and its score.
 
     `seeds`: (S, 3) metres; `frames`: (S, 12, 3, 3) rotations of hands along the seed's view;
-    `said`: of one cloud.
+    `predicted`: for one cloud.
     """
-    best = said.angle[0].argmax(dim=2, keepdim=True)  # (S, 4, 1) angles
-    at_angle = (said.score, said.width, said.tolerance)
+    best = predicted.angle[0].argmax(dim=2, keepdim=True)  # (S, 4, 1) angles
+    at_angle = (predicted.score, predicted.width, predicted.tolerance)
     at_depths = [best[..., 0], *(each[0].gather(2, best)[..., 0] for each in at_angle)]
     depth = at_depths[1].argmax(dim=1, keepdim=True)
     rows = [each.gather(1, depth)[:, 0].cpu().numpy() for each in at_depths]
@@ -81,9 +81,9 @@ def best_hands(seeds: Array, frames: Array, said: Operations) -> tuple[Hands, Ar
 def collision_free_grasps(
     hands: Hands, score: Array, cloud: Array, scene: SceneCloud, gripper: Gripper
 ) -> tuple[GraspPoses, Array]:
-    """Return the `hands` that meet no point as grasps, and their scores.
+    """Return the `hands` that collide with no point as grasps, and their scores.
 
-    `cloud`: (n, 3) metres, what stands in the scene's box; the other seen points count too.
+    `cloud`: (n, 3) metres, points in the box of the scene; all other seen points count too.
     """
     near = scene.xyz[(scene.depth > 0) & (scene.depth < MAX_RANGE) & ~scene.stray]
     clouds = thinned(cloud, COLLISION_CELL), thinned(near, COLLISION_CELL)

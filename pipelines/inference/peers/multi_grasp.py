@@ -22,7 +22,7 @@ from pipelines.tabletop.depth_channels import shrink
 
 @dataclass(frozen=True)
 class MultiGraspMethod:
-    """A trained Multi-Grasp of the size that `config` says; `grasps` is a `FrameMethod`."""
+    """A trained Multi-Grasp of the size in `config`; `grasps` is a `FrameMethod`."""
 
     network: FasterRCNN
     gripper: Gripper
@@ -34,7 +34,7 @@ class MultiGraspMethod:
         self, frame: Frame, scene: SceneCloud, rng: np.random.Generator
     ) -> tuple[GraspPoses, Array]:
         """Return grasps, camera frame, and the probability of each."""
-        del rng  # it draws nothing
+        del rng  # the method needs no random numbers
         variant, depth = self.config.variant, scene.depth.astype(np.float32)
         sides = SHORT_SIDES[variant], LONG_SIDES[variant]
         small = shrink(frame.color, depth, scene.intrinsics, *sides)

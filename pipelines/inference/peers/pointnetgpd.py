@@ -1,4 +1,4 @@
-"""PointNetGPD on a frame: hands at random points of what stands on the table, scored one by one."""
+"""PointNetGPD on a frame: hands at random points of the objects, scored one by one."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ from pipelines.grasping.scene import MAX_RANGE, SceneCloud
 from pipelines.network.peers.pointnetgpd import PointNetGPD
 
 NUM_CANDIDATES = 2000
-MOST_SCORED = {"light": 400, "full": 2000}  # of the free ones
+MOST_SCORED = {"light": 400, "full": 2000}  # collision-free candidates, by variant
 FAIR_WEIGHT = 0.5  # of the fair class's probability in the score
 AT_ONCE = 64  # candidates
 
@@ -32,12 +32,12 @@ class PointNetGPDMethod:
         self, frame: Frame, scene: SceneCloud, rng: np.random.Generator
     ) -> tuple[GraspPoses, Array]:
         """Return grasps, camera frame, and the score of each: P(good) + P(fair) / 2."""
-        del frame  # it sees depth alone
+        del frame  # the method needs depth alone
         hands, objects = scene_hands(scene, rng, MOST_SCORED[self.network.config.variant])
         return hand_grasps(hands, self.gripper), self.scores(hands, objects, rng)
 
     def scores(self, hands: Hands, objects: Array, rng: np.random.Generator) -> Array:
-        """Return the score (n,) of each hand, 0 where it closes on too few of `objects` (m, 3)."""
+        """Return the score (n,) of each hand; 0 if it closes on too few of `objects` (m, 3)."""
         score, count = np.zeros(len(hands)), self.network.num_points
         clouds = [hands.closing_region(i, objects) for i in range(len(hands))]
         seen = [i for i, cloud in enumerate(clouds) if len(cloud) >= MIN_CLOSED_ON]
@@ -56,7 +56,7 @@ class PointNetGPDMethod:
 
 
 def scene_hands(scene: SceneCloud, rng: np.random.Generator, most: int) -> tuple[Hands, Array]:
-    """Return up to `most` candidates of a scene, and the points (m, 3) that may be objects'."""
+    """Return up to `most` candidates of a scene, and the points (m, 3) that may be on objects."""
     near = (scene.depth > 0) & (scene.depth < MAX_RANGE) & ~scene.stray
     points = scene.xyz[near]
     objects = over_table(points, scene.plane)

@@ -1,4 +1,4 @@
-"""The compared methods of `infer`, by name, each loaded once a process."""
+"""The compared methods of `infer`, by name, each loaded once per process."""
 
 from functools import lru_cache
 from pathlib import Path

@@ -16,7 +16,7 @@ from pipelines.network.peers.symmetrynet_input import normalised_colors, region_
 
 @dataclass(frozen=True)
 class SymmetryNetMethod:
-    """SymmetryNet, trained; `symmetries` is a `RegionMethod`."""
+    """A trained SymmetryNet; `symmetries` is a `RegionMethod`."""
 
     network: SymmetryNet
     device: torch.device
@@ -31,17 +31,17 @@ class SymmetryNetMethod:
     def offsets(
         self, cloud: RegionCloud, scene: SceneCloud, color: NDArray[np.uint8]
     ) -> SymmetryOffsets:
-        """Return what some of the points of a region say of its symmetries."""
+        """Return the predictions for a sample of a region's points, camera frame."""
         count = self.network.sizes.num_points
         points = drawn_points(cloud.points, count, np.random.default_rng(0))
         pixels, _ = scene.intrinsics.pixels_of(points.astype(np.float64))
         crop = region_crop(color, cloud.mask, pixels)
         inputs = [normalised_colors(torch.from_numpy(crop.image)[None].to(self.device))]
         inputs += [torch.from_numpy(each)[None].to(self.device) for each in (crop.pixels, points)]
-        said = self.network(*inputs)
+        predicted = self.network(*inputs)
         of_points = {
-            name: getattr(said, name)[0].double().cpu().numpy()
+            name: getattr(predicted, name)[0].double().cpu().numpy()
             for name in ("center", "mirrored", "axis_foot", "existence")
         }
-        mode = said.mode[0].mean(dim=0).double().softmax(dim=0).cpu().numpy()
+        mode = predicted.mode[0].mean(dim=0).double().softmax(dim=0).cpu().numpy()
         return SymmetryOffsets(points.astype(np.float64), mode=mode, **of_points)

@@ -1,8 +1,8 @@
 """The grasps of a frame among its objects, as graspnetAPI scores them or exactly.
 
-Both give a ranked grasp the smallest friction of the protocol at which it holds. The peer's way:
+Both give each ranked grasp the protocol's smallest friction at which it holds. graspnetAPI has
 contacts on signed-distance grids, collision of clouds of 8 mm voxels, poses in single precision.
-The exact way: contacts where rays meet triangles, collision of triangles, an endless table.
+The exact way has contacts where rays meet triangles, collision of triangles, an endless table.
 """
 
 from collections.abc import Sequence
@@ -24,15 +24,15 @@ from pipelines.metrics.graspnet.grid_contacts import close_fingers_on_grid
 from pipelines.metrics.graspnet.peer_collision import MIN_INNER, box_hits, meets_points, table_cloud
 from pipelines.metrics.mesh_collision import MeshCollider, hits_table
 
-# What becomes of a ranked grasp, in the order in which it can fail.
+# Outcomes of a ranked grasp, in the order in which it can fail.
 DUMP_REASONS = ("collision", "empty", "no contact", "friction", "held")
-OUTLIER = 0.05  # metres around an object's box within which its surroundings are looked at
+OUTLIER = 0.05  # metres around an object's box within which points can collide
 TABLE = table_cloud()
 
 
 @dataclass(frozen=True)
 class GridObject:
-    """An object as the peer has it: its cloud and its distance grid, object frame, metres."""
+    """An object as graspnetAPI has it: cloud and distance grid, object frame, metres."""
 
     points: Array  # (m, 3), means of voxels
     grid: SignedDistanceGrid
@@ -40,7 +40,7 @@ class GridObject:
 
 @dataclass(frozen=True)
 class SolidObject:
-    """An object as it is: points of its surface, its mesh, its collider; object frame, metres."""
+    """An exact object: points of its surface, mesh and collider; object frame, metres."""
 
     points: Array  # (m, 3)
     mesh: Mesh
@@ -49,11 +49,11 @@ class SolidObject:
 
 @dataclass(frozen=True)
 class ScoredRows:
-    """The grasps of a frame that count, most confident first; one entry a grasp."""
+    """The grasps of a frame that count, most confident first; one entry per grasp."""
 
     index: Indices  # (k,) rows of the dump
     owner: Indices  # (k,) indices of the scene's objects
-    friction: Array  # (k,) the smallest of `AP_FRICTIONS` that holds; `FAILED` if none
+    friction: Array  # (k,) the smallest of `AP_FRICTIONS` that holds; else `FAILED`
     reason: Indices  # (k,) indices of `DUMP_REASONS`
 
 
@@ -67,14 +67,14 @@ class PeerScene:
     around: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     def clouds(self) -> list[Array]:
-        """Return the points (m, 3) of each object, camera frame, that say whose a grasp is."""
+        """Return the points (m, 3) of each object, camera frame, that assign grasps to it."""
         pairs = zip(self.objects, self.poses, strict=True)
         return [transform_points(pose.astype(np.float64), each.points) for each, pose in pairs]
 
     def collisions(self, grasps: GraspPoses, depth: Array, owner: Indices) -> tuple[Mask, Mask]:
         """Return (n,) whether the open gripper meets something, and whether it is empty.
 
-        Only points around the box of each grasp's own object are looked at.
+        Only points around the box of each grasp's object are tested.
         """
         clouds = self.clouds()
         table = transform_points(invert(self.T_table_cam), np.concatenate([TABLE, self.around]))
@@ -88,7 +88,7 @@ class PeerScene:
         return hit, inner < MIN_INNER
 
     def contacts(self, which: int, grasps: GraspPoses) -> Contacts:
-        """Close the fingers on the object's grid; its pose is inverted in single precision."""
+        """Return contacts on the object's grid, with its pose inverted in single precision."""
         pose = self.poses[which]
         center = np.append(grasps.translation, np.ones((len(grasps), 1)), axis=1)
         local = GraspPoses(
@@ -101,7 +101,7 @@ class PeerScene:
 
 @dataclass(frozen=True)
 class ExactScene:
-    """A frame as it is; `around`: walls and bins, table frame."""
+    """A frame with exact shapes and poses; `around`: walls and bins, table frame."""
 
     objects: Sequence[SolidObject]
     poses: Sequence[Array]  # T_cam_obj (4, 4)
@@ -114,7 +114,7 @@ class ExactScene:
         return [transform_points(pose, each.points) for each, pose in pairs]
 
     def collisions(self, grasps: GraspPoses, depth: Array, owner: Indices) -> tuple[Mask, Mask]:
-        """Test the gripper's boxes against all triangles; nothing is empty that has contacts."""
+        """Return (n,) whether the gripper's boxes meet triangles, and False for emptiness."""
         hit = box_hits(partial(hits_table, T_table_grasps=self.T_table_cam), grasps, depth)
         for each, pose in zip(self.objects, self.poses, strict=True):
             free = np.flatnonzero(~hit)
@@ -127,13 +127,13 @@ class ExactScene:
         return hit, np.zeros(len(owner), np.bool_)
 
     def contacts(self, which: int, grasps: GraspPoses) -> Contacts:
-        """Close the fingers on the object's triangles."""
+        """Return contacts on the object's triangles."""
         local = grasps.transformed(invert(self.poses[which]))
         return close_fingers(self.objects[which].mesh, local, grasps.width)
 
 
 def score_rows(rows: Array, scene: PeerScene | ExactScene) -> ScoredRows:
-    """Return what becomes of graspnetAPI's `rows` (n, 17), camera frame, metres."""
+    """Return the outcomes of graspnetAPI's `rows` (n, 17), camera frame, metres."""
     kept = suppress(rows[:, 0], rows[:, 4:13].reshape(-1, 3, 3), rows[:, 13:16])
     clouds = scene.clouds()
     if not len(kept) or not clouds:
@@ -157,12 +157,12 @@ def score_rows(rows: Array, scene: PeerScene | ExactScene) -> ScoredRows:
 
 def _nearest(points: Array, clouds: Sequence[Array]) -> Indices:
     """Return (n,) the index of the cloud that holds the point nearest to each of `points`."""
-    whose = np.repeat(np.arange(len(clouds)), [len(cloud) for cloud in clouds])
-    return np.asarray(whose[cKDTree(np.concatenate(clouds)).query(points)[1]])
+    cloud_of_point = np.repeat(np.arange(len(clouds)), [len(cloud) for cloud in clouds])
+    return np.asarray(cloud_of_point[cKDTree(np.concatenate(clouds)).query(points)[1]])
 
 
 def _within(points: Array, low: Array, high: Array) -> Array:
-    """Return those of `points` (3, n) that lie between two corners (3,): (m, 3)."""
+    """Return the `points` (3, n) between two corners (3,), as (m, 3)."""
     for axis in range(3):
         points = points[:, (points[axis] > low[axis]) & (points[axis] < high[axis])]
     return points.T

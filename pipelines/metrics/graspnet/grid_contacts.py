@@ -2,8 +2,9 @@
 
 Each finger goes from half the opening to the middle in steps of about half a spacing. At the
 first sample near the surface after which the distance no longer falls, a parabola through three
-samples gives the contact, and a plane through nearby probes its normal. The peer's faults are part
-of it: where the distance is exactly linear, as on flat faces, there is no parabola and no contact.
+samples gives the contact, and a plane through nearby probes gives its normal. The faults of
+graspnetAPI are reproduced: where the distance is exactly linear, as on flat faces, there is no
+parabola and no contact.
 """
 
 import numpy as np
@@ -16,8 +17,8 @@ from pipelines.grasping.grasps import GraspPoses
 from pipelines.metrics.contacts import Contacts
 
 NEAR = float(np.sqrt(2.0) / 2.0)  # spacings within which a sample is on the surface
-SEARCHED = 1.6  # spacings: no node is nearer to a sample on the surface and farther from it
-MIN_CURVATURE = 1e-10  # metres per spacing^2 below which the peer gives up
+SEARCHED = 1.6  # spacings; the node nearest to a sample on the surface is at a smaller distance
+MIN_CURVATURE = 1e-10  # metres per spacing^2 below which graspnetAPI gives up
 MAX_ROOT = 10.0  # spacings from the first of three samples
 MAX_CROSSING = 1.0
 PROBE_RADIUS = 1.5  # spacings
@@ -33,8 +34,8 @@ def close_fingers_on_grid(
 ) -> Contacts:
     """Return the contacts of `grasps`, in the frame of the grid's object, metres.
 
-    `opening`: (n,) or one number, distance of the fingers before they close; `translation` of
-    the grasps is where the fingers would meet.
+    `opening`: (n,) or one number, distance of the fingers before they close. The grasps'
+    `translation` is the point where the fingers would meet.
     """
     width = np.broadcast_to(np.asarray(opening, np.float64), grasps.width.shape)
     closing = unit(grasps.closing)
@@ -56,12 +57,12 @@ def close_fingers_on_grid(
 def _first_contact(
     grid: SignedDistanceGrid, start: Array, way: Array, reach: Array
 ) -> tuple[Array, Mask]:
-    """Return where (n, 3), in spacings, fingers touch, and whether (n,) they do."""
+    """Return the contact points (n, 3) of fingers, in spacings, and whether (n,) each touches."""
     count = np.maximum((2.0 * reach / grid.spacing).astype(np.int64), MIN_SAMPLES)[:, None]
     index = np.arange(count.max(initial=MIN_SAMPLES))
     steps = np.where(index < count - 1, index * (reach[:, None] / (count - 1)), reach[:, None])
     line = start[:, None] + steps[..., None] * way[:, None]
-    # The peer's points pass through single precision on their way into the grid.
+    # graspnetAPI's points pass through single precision on their way into the grid.
     line = (line.astype(np.float32).astype(np.float64) - grid.origin) / grid.spacing
     distance = np.where(index < count, _distances_near(grid, line), np.inf)
     size = np.abs(distance)
@@ -79,9 +80,10 @@ def _first_contact(
 
 
 def _distances_near(grid: SignedDistanceGrid, line: Array) -> Array:
-    """Return distances (n, m) at `line` (n, m, 3), spacings; inf at two samples from the surface.
+    """Return distances (n, m) at `line` (n, m, 3), spacings; inf far from the surface.
 
-    Most of a finger's way is through the air: only what may be near is trilinear_distance.
+    Most of a finger's way is through the air: distances are interpolated only at samples that may
+    be near the surface, and at two samples before and after them.
     """
     node = np.clip(np.rint(line), 0, np.array(grid.values.shape) - 1).astype(np.int64)
     near = np.abs(grid.values[node[..., 0], node[..., 1], node[..., 2]]) < SEARCHED * grid.spacing
@@ -109,21 +111,21 @@ def trilinear_distance(grid: SignedDistanceGrid, points: Array) -> Array:
 
 
 def _crossings(points: Array, distance: Array) -> Array:
-    """Return where (n, 3) a parabola through three samples crosses zero; nan where none does.
+    """Return the points (n, 3) where a parabola through three samples crosses zero, else nan.
 
     `points`: (n, 3, 3) in spacings, three samples of a line; `distance`: (n, 3) at them.
     """
     if not len(points):
         return np.zeros((0, 3))
     direction = unit(points[:, 1] - points[:, 0])
-    axis = (direction != 0.0).argmax(axis=1)[:, None]  # arc lengths are read from one coordinate
+    axis = (direction != 0.0).argmax(axis=1)[:, None]  # this coordinate gives the arc lengths
     along = np.take_along_axis(direction, axis, 1)[:, 0]
     place = np.zeros((len(points), 3))
     for i in (1, 2):
         away = np.take_along_axis(points[:, i] - points[:, 0], axis, 1)[:, 0]
         place[:, i] = away / np.where(along != 0.0, along, 1.0)
     usable = np.asarray(np.isfinite(distance).all(axis=1))
-    # Samples of a closed gripper fall together.
+    # The samples of a closed gripper coincide.
     usable &= (place[:, 1] > 0.0) & (place[:, 2] > place[:, 1])
     place[~usable] = np.arange(3)
     safe = np.where(usable[:, None], distance, 0.0)
@@ -133,7 +135,7 @@ def _crossings(points: Array, distance: Array) -> Array:
     a = np.where(usable, a, 1.0)
     roots = np.linalg.eigvals(np.stack([np.stack([-b / a, -c / a], -1), [[1.0, 0.0]] * len(a)], 1))
     real = (roots.imag == 0.0) & (roots.real >= 0.0) & (roots.real <= MAX_ROOT)
-    root = np.where(real[:, 1], roots[:, 1].real, roots[:, 0].real)  # the last one that counts
+    root = np.where(real[:, 1], roots[:, 1].real, roots[:, 0].real)  # the last real root
     root = np.where(real.any(axis=1), root, -b / (2.0 * a))
     usable &= np.abs(root) <= MAX_CROSSING
     return np.where(usable[:, None], points[:, 0] + root[:, None] * direction, np.nan)
@@ -142,7 +144,7 @@ def _crossings(points: Array, distance: Array) -> Array:
 def _normals(grid: SignedDistanceGrid, where: Array, way: Array) -> Array:
     """Return unit normals (n, 3) at `where` (n, 3), spacings, against the fingers' `way`.
 
-    A plane is fitted to those probes around the contact that are on the surface.
+    A plane is fitted to the probes around each contact that are on the surface.
     """
     probes = where[:, None] + PROBES
     kept = np.abs(trilinear_distance(grid, probes)) < NEAR * grid.spacing

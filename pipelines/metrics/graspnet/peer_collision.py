@@ -1,7 +1,7 @@
-"""GraspNet's box gripper against objects: exact triangles, or clouds as the peer has them.
+"""Collision of GraspNet's box gripper with objects: exact triangles, or graspnetAPI's clouds.
 
-The fingers are 1 cm thick and 2 cm high and reach from 2 cm behind the grasp's origin to its tips,
-the bottom is a slab of 1 cm behind them. `depth` is how far the tips lie past the origin.
+The fingers are 1 cm thick and 2 cm high and reach from 2 cm behind the grasp's origin to the tips;
+the bottom is a slab of 1 cm behind them. `depth` is the distance of the tips past the origin.
 """
 
 from collections.abc import Callable
@@ -17,16 +17,16 @@ from pipelines.metrics.mesh_collision import MeshCollider
 
 FINGER = 0.01  # metres: thickness of a finger and of the bottom, half a finger's height
 BEHIND = 0.02  # metres from the origin back to the bottom
-VOXEL = 0.008  # metres, of the peer's cloud
-MIN_INNER = 10  # points of that cloud between the fingers, or the grasp is empty
+VOXEL = 0.008  # metres, of graspnetAPI's cloud
+MIN_INNER = 10  # points of the cloud between the fingers; with fewer the grasp is empty
 NUM_CLOUD_SAMPLES = 40000
 AT_A_TIME = 2_000_000  # pairs of a grasp and a point
-LONGEST = 0.9  # metres; what a finger may be
-TABLE_SIDE, TABLE_DEPTH = 1.0, 0.05  # metres, of the peer's cloud
+LONGEST = 0.9  # metres, of a finger
+TABLE_SIDE, TABLE_DEPTH = 1.0, 0.05  # metres, of graspnetAPI's cloud
 
 
 def exact_collision(mesh: Mesh, grasps: GraspPoses, depth: Array) -> tuple[Mask, Mask]:
-    """Return (n,) whether the open gripper meets `mesh`, and whether nothing is between it.
+    """Return (n,) whether the open gripper meets `mesh`, and whether it encloses nothing.
 
     `grasps`: mesh frame, metres, `translation` between the finger tips and `width` the opening.
     """
@@ -36,7 +36,7 @@ def exact_collision(mesh: Mesh, grasps: GraspPoses, depth: Array) -> tuple[Mask,
 
 
 def box_hits(hits: Callable[[GraspPoses, Gripper], Mask], grasps: GraspPoses, depth: Array) -> Mask:
-    """Return (n,) whether the open box gripper of each `depth` (n,) `hits` something."""
+    """Return (n,) whether the open box gripper with each `depth` (n,) collides, by `hits`."""
     collision = np.zeros(len(grasps), np.bool_)
     for reach in np.unique(depth):
         some = np.flatnonzero(depth == reach)
@@ -45,9 +45,9 @@ def box_hits(hits: Callable[[GraspPoses, Gripper], Mask], grasps: GraspPoses, de
 
 
 def cloud_collision(mesh: Mesh, grasps: GraspPoses, depth: Array) -> tuple[Mask, Mask]:
-    """Return (n,) collision and emptiness as the peer has them; empty grasps count as colliding.
+    """Return (n,) collision and emptiness as in graspnetAPI; empty grasps count as colliding.
 
-    Its cloud is drawn at random, so this agrees with it up to a voxel's share of doubt.
+    graspnetAPI draws its cloud at random, so results can differ where a voxel decides.
     """
     samples = sample_surface(mesh, NUM_CLOUD_SAMPLES, np.random.default_rng(0))[0]
     hit, inner = meets_points(voxel_means(samples, VOXEL), grasps, depth)
@@ -68,17 +68,17 @@ def voxel_means(points: Array, size: float) -> Array:
 
 
 def table_cloud() -> Array:
-    """Return the peer's table (93750, 3), table frame, top at z = 0: 8 mm apart, 5 cm deep."""
+    """Return graspnetAPI's table (93750, 3), table frame, top z = 0: 8 mm apart, 5 cm deep."""
     side = np.linspace(0.0, TABLE_SIDE, int(TABLE_SIDE / VOXEL)) - TABLE_SIDE / 2.0
     height = np.linspace(0.0, TABLE_DEPTH, int(TABLE_DEPTH / VOXEL)) - TABLE_DEPTH
     return np.stack(np.meshgrid(side, side, height), -1).reshape(-1, 3)
 
 
 def meets_points(points: Array, grasps: GraspPoses, depth: Array) -> tuple[Mask, NDArray[np.int64]]:
-    """Return (n,) whether a box of the gripper holds a point, and (n,) how many lie between.
+    """Return (n,) whether a box of the gripper holds a point, and (n,) points between the fingers.
 
-    `points`: (m, 3) metres, frame of `grasps`, whose `translation` is between the finger tips and
-    whose `width` is the opening. `depth`: (n,) metres from GraspNet's origin to the tips.
+    `points`: (m, 3) metres, frame of `grasps`; `translation` of the grasps is between the finger
+    tips, `width` is the opening. `depth`: (n,) metres from GraspNet's origin to the tips.
     """
     hit, inner = np.zeros(len(grasps), np.bool_), np.zeros(len(grasps), np.int64)
     step = max(1, AT_A_TIME // max(len(points), 1))

@@ -1,5 +1,5 @@
-"""A frame's cloud, symmetries and grasps as one page to turn around in a browser (formats.md).
+"""A frame's cloud, symmetries and grasps as one page with a 3D view in a browser (formats.md).
 
-`cloud` and `scene` say what is drawn, `page` puts it into HTML, and the files `.js` beside them
-draw it with WebGL 2 and nothing else.
+`cloud` and `scene` prepare the content, `page` puts it into HTML, and the `.js` files next to them
+draw it with WebGL 2 alone.
 """

@@ -1,7 +1,7 @@
-"""A frame's points as its page holds them: depth on the grid of pixels, quantised.
+"""A frame's points as its page holds them: quantised depth on the grid of pixels.
 
-A pixel needs no x and y: these follow from its place and the camera. So a point is two bytes of
-depth, three of colour and two of its region.
+A pixel needs no x and y: both follow from its place and the camera. So a point has two bytes of
+depth, three bytes of colour and two bytes of region number.
 """
 
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class PixelCloud:
     color: NDArray[np.uint8]  # (h, w, 3) RGB
     region: NDArray[np.uint16]  # (h, w) 0 = none, r + 1 = region r
     camera: Intrinsics  # of these pixels
-    stride: int  # how many of the frame's pixels lie between two, each way
+    stride: int  # pixels of the frame per pixel of the cloud, each way
 
     @classmethod
     def of(cls, frame: Frame, result: FrameResult, max_pixels: int) -> "PixelCloud":
@@ -42,19 +42,19 @@ class PixelCloud:
         region = label_image(result)[thin]
         height, width = depth.shape
         whole = frame.intrinsics
-        camera = Intrinsics(  # every stride-th pixel is kept as it is
+        camera = Intrinsics(  # every stride-th pixel is kept, without averaging
             whole.fx / stride, whole.fy / stride, whole.cx / stride, whole.cy / stride,
             width, height,
         )  # fmt: skip
         return cls(quantised, step, np.ascontiguousarray(frame.color[thin]), region, camera, stride)
 
     def points(self) -> Array:
-        """Return (h, w, 3) metres, camera frame, as the page draws them; nan where missing."""
+        """Return points (h, w, 3) as the page draws them, camera frame, metres; nan if missing."""
         return self.camera.backproject(self.depth * self.step)
 
 
 def label_image(result: FrameResult) -> NDArray[np.uint16]:
-    """Return (H, W) r + 1 where region r lies, 0 elsewhere; of those that overlap the smallest."""
+    """Return (H, W) r + 1 on region r, 0 elsewhere; where regions overlap, the smallest region."""
     width, height = result.size
     masks = [result.regions.mask(region, width, height) for region in range(len(result.regions))]
     labels = np.zeros((height, width), np.uint16)

@@ -1,6 +1,6 @@
 // Grippers, symmetries and the camera as triangles and lines in the camera frame.
 
-// As in palette.py.
+// The colours of palette.py.
 const LOW_TO_HIGH = ["#8a929c", "#a3b07d", "#b4d25f", "#7ee95c", "#3cff5a"]; // scores 0 to 1
 const BY_SOURCE = { network: "#3cff5a", planar: "#ffa01e", random: "#bebebe", "gg-cnn": "#00b39f", "multi-grasp": "#b07a5a", pointnetgpd: "#ff6e5a", graspnet: "#e05a9b" };
 const PLANES = ["#ff50c8", "#5a82ff", "#ffbe28"]; // mirror planes 0, 1, 2
@@ -8,7 +8,7 @@ const AXIS = "#ff3c3c";
 const PICKED = "#ffffff";
 const CONTACT = "#ff2828";
 const GREY = "#8a929c";
-const ROUND = 32; // sides of what is round
+const ROUND = 32; // sides of a circle
 
 const rgb = (text) => [1, 3, 5].map((at) => parseInt(text.slice(at, at + 2), 16) / 255);
 
@@ -98,7 +98,7 @@ const contacts = (into, grasp) => {
   line(into.lines, ...grasp.contacts, rgb(CONTACT));
 };
 
-// `up` makes sheets stand level.
+// Sheets are level with respect to `up`.
 const symmetry = (into, each, up, strong) => {
   const place = each.place, alpha = (strong ? 0.4 : 0.22) * Math.max(each.confidence, 0.3);
   if (each.kind === "axis") {

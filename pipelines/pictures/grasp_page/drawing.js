@@ -1,4 +1,4 @@
-// WebGL: a cloud of pixels, triangles that are lit, and lines.
+// WebGL: a cloud of pixels, lit triangles, and lines.
 
 const POINTS_VERTEX = `#version 300 es
 layout(location = 0) in uint depth;
@@ -25,7 +25,7 @@ out vec4 result;
 void main() { result = vec4(shade, 1.0); }`;
 const MESH_VERTEX = `#version 300 es
 layout(location = 0) in vec3 place;
-layout(location = 1) in vec3 normal;  // zero where nothing is lit
+layout(location = 1) in vec3 normal;  // zero for unlit lines
 layout(location = 2) in vec4 color;
 uniform mat4 clip;
 uniform vec3 eye;
@@ -76,7 +76,7 @@ const loadCloud = (gl, depth, color, mark) => {
 
 const VERTEX = 10; // numbers: place, normal, colour
 
-// A mesh whose vertices are written anew whenever what is shown changes.
+// A mesh with vertices that are written anew whenever the shown shapes change.
 const makeMesh = (gl) => {
   const array = gl.createVertexArray(), buffer = gl.createBuffer();
   gl.bindVertexArray(array);
@@ -96,7 +96,7 @@ const makeMesh = (gl) => {
   };
 };
 
-// Returns what draws: `meshes` are filled by others, `draw` takes the camera's matrices.
+// Returns the drawing: callers fill `meshes`, `draw` takes the camera's matrices.
 const makeDrawing = (gl, cloud, camera, depthStep) => {
   const points = compiled(gl, POINTS_VERTEX, POINTS_FRAGMENT);
   const mesh = compiled(gl, MESH_VERTEX, MESH_FRAGMENT);
@@ -118,7 +118,7 @@ const makeDrawing = (gl, cloud, camera, depthStep) => {
       gl.uniformMatrix4fv(points.clip, false, view.clip);
       gl.uniform4f(points.camera, camera.fx, camera.fy, camera.cx, camera.cy);
       gl.uniform1f(points.depthStep, depthStep);
-      // Neighbours lie depth / fx apart; points are a little larger, so that surfaces close.
+      // Neighbours are depth / fx apart; points are a little larger, so that surfaces close.
       gl.uniform1f(points.size, (1.9 * view.pixelsAtOneMetre) / Math.min(camera.fx, camera.fy));
       gl.uniform1f(points.tint, shown.tint);
       gl.uniform1i(points.columns, camera.columns);

@@ -1,15 +1,15 @@
-// The eye: where it stands, and how pointers and keys move it.
+// The eye: its position, and its motion by pointers and keys.
 
 const FOV = (50 * Math.PI) / 180;
 const NEAR = 0.01, FAR = 60;
-const SLANT = 0.8, ASIDE = 0.35; // radians off straight down at least, and beside the camera
+const SLANT = 0.8, ASIDE = 0.35; // radians: least tilt from straight down, angle to the camera
 
-// The views that keys and buttons give; `scene` says where the things are and what is up.
+// The views of keys and buttons; `scene` gives the place of the objects and the upward direction.
 const standardViews = (scene) => {
   const { place, radius } = scene.focus, up = scene.up, camera = scene.camera;
   const distance = 2.5 * radius, level = across([0, 0, 1], up), below = across([0, 1, 0], up);
-  const seen = unit(scale(place, -1)), away = across(seen, up); // from the things to the camera
-  // Where the camera looks straight down, its picture says what is ahead.
+  const seen = unit(scale(place, -1)), away = across(seen, up); // from the objects to the camera
+  // If the camera looks straight down, the upper side of its picture is ahead.
   const ahead = length(level) > 0.3 ? unit(level) : unit(scale(below, -1));
   const flat = length(away) > 0.3 ? unit(away) : unit(below);
   const steep = Math.max(Math.atan2(length(away), dot(seen, up)), SLANT);
@@ -21,7 +21,7 @@ const standardViews = (scene) => {
       eye: [0, 0, 0],
       target: [0, 0, length(place)],
       up: [0, -1, 0],
-      // The whole picture is seen, with a rim where the window has another shape.
+      // The whole picture is visible, with a margin if the window has another shape.
       fovy: 2 * Math.atan(Math.max(
         camera.rows / (2 * camera.fy), camera.columns / (2 * camera.fx) / aspect)),
     }),
@@ -38,7 +38,7 @@ const makeOrbit = (canvas, scene, changed) => {
     state = views[wanted](aspect());
     changed();
   };
-  const leaveView = () => { // no longer a view with a name
+  const leaveView = () => { // the view is no standard view any more
     name = "";
     changed();
   };
@@ -71,7 +71,7 @@ const makeOrbit = (canvas, scene, changed) => {
     fingers.set(event.pointerId, [event.clientX, event.clientY]);
     try {
       canvas.setPointerCapture(event.pointerId);
-    } catch { /* a pointer that is gone again, or never was a real one */ }
+    } catch { /* the pointer is gone, or was synthetic */ }
     moved = fingers.size > 1 ? Infinity : 0;
   });
   canvas.addEventListener("pointermove", (event) => {
@@ -98,7 +98,7 @@ const makeOrbit = (canvas, scene, changed) => {
     zoom(Math.exp(Math.min(Math.max(event.deltaY * lines, -200), 200) * 0.002));
   }, { passive: false });
 
-  // What the shaders need; the camera's own view fits any shape of the window.
+  // The matrices of the shaders; the camera's view fits any shape of the window.
   const view = () => {
     if (name === "camera") state.fovy = views.camera(aspect()).fovy;
     const clip = product(

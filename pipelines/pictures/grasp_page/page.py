@@ -1,4 +1,4 @@
-"""HTML of a frame's page, and of the index of all frames. No page loads anything from a net."""
+"""HTML of a frame's page, and of the index of all frames. No page loads anything by network."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -14,17 +14,17 @@ HERE = Path(__file__).parent
 
 @dataclass(frozen=True)
 class IndexEntry:
-    """A frame in the index: what became of it, and its page and picture if there are such."""
+    """A frame in the index: a summary, and the paths of its page and picture, if any."""
 
     name: str
-    page: str | None  # relative to the index, as the picture
-    picture: str | None
-    words: str  # what was found, or why there is no page
+    page: str | None  # relative to the index
+    picture: str | None  # relative to the index
+    words: str  # summary of the result, or the reason for a missing page
     failed: bool = False
 
 
 def frame_page(scene: Mapping[str, Any], result: FrameResult, stamp: Stamp) -> str:
-    """Return the page of a frame, given what is drawn of it."""
+    """Return the page of a frame, given its `scene` of `frame_scene`."""
     return rendered(
         HERE / "frame.html",
         title=f"{result.name}: grasps",
@@ -37,12 +37,12 @@ def frame_page(scene: Mapping[str, Any], result: FrameResult, stamp: Stamp) -> s
 
 
 def index_page(title: str, entries: Iterable[IndexEntry], stamp: Stamp) -> str:
-    """Return the page that lists all frames, with a picture and a link each."""
+    """Return the page that lists all frames, each with a picture and a link."""
     return rendered(HERE / "index.html", title=title, entries=entries, stamp=stamp.as_text())
 
 
 def result_words(result: FrameResult) -> str:
-    """Return what was found in a frame."""
+    """Return a summary of the result of a frame."""
     if result.status != "ok":
         return f"{result.status}: {result.message}"
     grasps, regions = len(result.grasps), len(result.regions)

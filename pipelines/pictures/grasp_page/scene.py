@@ -1,4 +1,4 @@
-"""Drawing of a frame for the viewer: all its numbers as one JSON object.
+"""Content of a frame's page for the viewer: all numbers as one JSON object.
 
 Camera frame, metres. Arrays are base64 of their little-endian bytes.
 """
@@ -22,16 +22,16 @@ from pipelines.tabletop.sparse_depth import filled
 from pipelines.tabletop.tabletop import find_tabletop
 
 DETAIL = ("width", "affordance", "clearance", "enclosed_height", "rank_score")
-FAR = 90  # percent of points lie within what is called their radius
-GRIPPER_LENGTH = 0.1  # metres from a grasp to the end of the gripper, about
-SMALLEST = 0.15  # metres, radius of what is looked at first
+FAR = 90  # percent of points within their radius
+GRIPPER_LENGTH = 0.1  # metres from a grasp to the end of the gripper, approximate
+SMALLEST = 0.15  # metres, smallest radius of the first view
 
 
 def frame_scene(
     frame: Frame, result: FrameResult, gripper: Gripper, config: ViewConfig
 ) -> dict[str, Any]:
-    """Return all that the page of a frame draws, of depth filled as `infer` fills it."""
-    # Before it is thinned: every n-th pixel may be missing just where it lies.
+    """Return the content of a frame's page, with depth filled as in `infer`."""
+    # Filled before thinning, because every n-th pixel may be a missing one.
     cloud = PixelCloud.of(replace(frame, depth=filled(frame.depth)), result, config.max_pixels)
     rows = np.sort(np.argsort(places_in_region(result.grasps), kind="stable")[: config.max_grasps])
     grasps = result.grasps.taken(rows)
@@ -60,7 +60,7 @@ def frame_scene(
 
 
 def places_in_region(grasps: GraspTable) -> NDArray[np.int64]:
-    """Return (g,) each grasp's place among those of its region, 0 the best, then by rank score."""
+    """Return (g,) the place of each grasp in its region, 0 for the best, then by rank score."""
     order = np.lexsort((-grasps.rank_score, ~grasps.is_best, grasps.region))
     regions = grasps.region[order]
     firsts = np.searchsorted(regions, regions)
@@ -120,7 +120,7 @@ def region_symmetries(table: RegionTable, region: int, points: Array) -> list[di
     """Return the known symmetries of a region, to be drawn about the middle of its points (n, 3).
 
     Each is `{"slot", "kind", "confidence", "place", "direction", "radius"}`; the kind is plane,
-    axis or sphere, the direction None for a sphere. None of a region without points.
+    axis or sphere, the direction None for a sphere. A region without points gives an empty list.
     """
     if not len(points):
         return []
@@ -133,7 +133,7 @@ def region_symmetries(table: RegionTable, region: int, points: Array) -> list[di
         needed = [*point, confidence, *(direction if has_direction else [])]
         if not np.isfinite(needed).all():
             continue
-        # Where the plane or axis comes nearest to the region's middle.
+        # From the point of the plane or axis that is nearest to the region's middle.
         off = (middle - point) @ direction * direction
         kind, place, size = "plane", middle - off, radius
         if slot == ROTATION_SLOT:
@@ -153,7 +153,7 @@ def region_symmetries(table: RegionTable, region: int, points: Array) -> list[di
 
 
 def _focus(grasps: GraspTable, points: Array) -> dict[str, Any]:
-    """Return what is looked at first: the best grasps, or all points where there are none."""
+    """Return place and radius of the first view: on the best grasps, else on all points."""
     best = grasps.translation[grasps.is_best].astype(float)
     best = best[np.isfinite(best).all(axis=1)]
     points = points[np.isfinite(points[..., 2])]
@@ -167,7 +167,7 @@ def _focus(grasps: GraspTable, points: Array) -> dict[str, Any]:
 
 
 def _middle(points: Array) -> tuple[Array, float]:
-    """Return the median (3,) of points (n, 3), and the radius about it of nearly all."""
+    """Return the median (3,) of points (n, 3), and the radius about it of FAR percent of them."""
     middle = np.median(points, axis=0)
     return middle, float(np.percentile(np.linalg.norm(points - middle, axis=1), FAR))
 
@@ -177,5 +177,5 @@ def _numbers(vector: Array) -> list[float]:
 
 
 def _number(value: float) -> float | None:
-    """Return what JSON can hold."""
+    """Return a number for JSON; None if it is not finite."""
     return float(value) if np.isfinite(value) else None

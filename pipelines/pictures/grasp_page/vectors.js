@@ -1,4 +1,4 @@
-// Vectors are arrays of three numbers; matrices are 16 numbers column by column, as WebGL has them.
+// Vectors are arrays of three numbers; matrices are 16 numbers column by column, as in WebGL.
 
 const add = (a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
 const sub = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
@@ -55,7 +55,7 @@ const lookAt = (eye, target, up) => {
   ]);
 };
 
-// How far along a ray the box [low, high] is met; Infinity if it is not.
+// The distance along a ray to the box [low, high]; Infinity if the ray misses the box.
 const meetsBox = (origin, direction, low, high) => {
   let near = 0, far = Infinity;
   for (let i = 0; i < 3; i++) {

@@ -1,4 +1,4 @@
-// The page: reads what is to be drawn, fills the panel, and draws when something has changed.
+// The page: reads its content, fills the panel, and redraws after changes.
 
 const by = (id) => document.getElementById(id);
 const scene = JSON.parse(by("scene").textContent);
@@ -57,7 +57,7 @@ const millimetres = (value) => `${number(1000 * value, 1)} mm`;
 const inSpace = (v, digits) => v.map((value) => number(value, digits)).join("  ");
 const named = (each) => `${SLOTS[each.slot]}, confidence ${number(each.confidence, 2)}`;
 
-const tellPicked = () => {
+const writePicked = () => {
   by("picked").hidden = picked === null;
   if (picked === null) return;
   const resting = symmetryOf(picked);
@@ -80,7 +80,7 @@ const tellPicked = () => {
     element("h2", `grasp ${picked.row}`), element("dl", "", rows));
 };
 
-const tellLegend = () => {
+const writeLegend = () => {
   const kind = by("by").value, legend = by("legend");
   const swatch = (color, words) => {
     const made = element("i");
@@ -113,8 +113,8 @@ const makeRegionList = (redraw, look) => {
     name.disabled = !mine.length;
     const sure = region.symmetries.filter((each) => each.confidence > 0.5).map(
       (each) => `${SLOTS[each.slot]} ${number(each.confidence, 2)}`);
-    const told = region.status === "measured" ? "" : ` ${region.status}`;
-    const words = `${region.source}${told} ${number(region.confidence, 2)}, ${mine.length} grasps`
+    const status = region.status === "measured" ? "" : ` ${region.status}`;
+    const words = `${region.source}${status} ${number(region.confidence, 2)}, ${mine.length} grasps`
       + (mine.length ? `, best ${number(mine[0].rank_score, 3)}` : "");
     by("regions").append(element("li", "", [box, swatch, name,
       element("small", [words, ...sure].join("; "))]));
@@ -167,8 +167,8 @@ const start = (gl, canvas) => {
   const refresh = () => {
     by("count-shown").textContent = by("count").value;
     by("certainty-shown").textContent = Number(by("certainty").value).toFixed(2);
-    tellPicked();
-    tellLegend();
+    writePicked();
+    writeLegend();
     fill();
     redraw();
   };
@@ -176,7 +176,7 @@ const start = (gl, canvas) => {
     picked = grasp;
     refresh();
   };
-  const show = (grasp) => { // a grasp that is picked from outside the picture
+  const show = (grasp) => { // a grasp picked by list or key
     by("count").value = Math.max(Number(by("count").value), grasp.place + 1);
     orbit.look(grasp.translation);
     pick(grasp);
@@ -188,7 +188,7 @@ const start = (gl, canvas) => {
   orbit.go("reset");
 };
 
-// The nearest of the shown grippers on a ray.
+// The nearest shown gripper on a ray.
 const hit = ({ origin, direction }) => {
   let best = null, nearest = Infinity;
   for (const grasp of by("grippers").checked ? shownGrasps() : []) {

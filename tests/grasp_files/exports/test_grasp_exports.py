@@ -109,7 +109,7 @@ def test_numbers_that_are_not_finite_are_a_sentence():
 
 @pytest.mark.parametrize("name", ["../x", "/etc/x", "a/../../x", "..", "", "a\\..\\x"])
 def test_names_that_lead_out_of_the_folder_are_refused(name):
-    with pytest.raises(SymgraspError, match="rename it"):
+    with pytest.raises(SymgraspError, match="rename the frame"):
         frame_path(name, "", ".npy")
 
 

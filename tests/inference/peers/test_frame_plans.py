@@ -53,7 +53,7 @@ def test_a_frame_without_a_grasp_is_empty():
     result = plan(Fixed(np.zeros((0, 3)), []))
     assert (result.status, result.message) == (
         "empty",
-        "gg-cnn finds no grasp that is sure enough and allowed",
+        "gg-cnn finds no allowed grasp with a sufficient score",
     )
 
 

@@ -63,8 +63,8 @@ def annotate(
     """Return the annotation of `mesh`, object frame, metres, and notes on problems.
 
     Triangles without area and duplicates are ignored. `regions_path`: regions by hand, which
-    replace those found. `given`: rotation or sphere of another source, which replaces the one
-    found. `edits`: corrections by hand of the symmetries found.
+    replace the detected ones. `given`: rotation or sphere of another source, which replaces the
+    detected one. `edits`: corrections by hand of the detected symmetries.
 
     Raises:
         ValueRangeError: no triangle has an area.
@@ -73,16 +73,16 @@ def annotate(
     cleaned, kept, dropped = clean_mesh(mesh)
     gauge = Gauge.of(cleaned, config, rng.spawn(1)[0])
     detection = analyse(cleaned, config, rng)
-    said = _with_given(detection.symmetries, given, gauge)
-    assessment = gauge.assess(said.symmetries, detection.partial)
+    sourced = _with_given(detection.symmetries, given, gauge)
+    assessment = gauge.assess(sourced.symmetries, detection.partial)
     labels = ObjectSymmetries(
         name,
-        said.symmetries,
+        sourced.symmetries,
         doubt=assessment.doubt,
         rejected=assessment.rejected,
-        sources=said.sources,
+        sources=sourced.sources,
     )
-    notes = (*filter(None, [dropped]), *said.notes)
+    notes = (*filter(None, [dropped]), *sourced.notes)
     if edits is not None:
         labels, more = _edited(labels, edits, gauge)
         notes += more

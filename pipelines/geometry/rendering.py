@@ -67,7 +67,7 @@ class Scene:
         normal, corner = self._normals[triangle[hit]], self._triangles[triangle[hit], 0]
         slope = np.einsum("ij,ij->i", d[hit], normal)
         ahead = np.einsum("ij,ij->i", corner - o[hit], normal)
-        # A ray in the triangle's plane does not cross the plane and keeps the distance of the search.
+        # A ray in the triangle's plane does not cross it and keeps the distance of the search.
         with np.errstate(divide="ignore", invalid="ignore"):
             exact = ahead / slope
         rough = searched[hit]

@@ -169,7 +169,7 @@ class SymmetrySlots:
     def of(
         cls, symmetries: Iterable[tuple[int, Symmetry, float]], source: str = ""
     ) -> "SymmetrySlots":
-        """Return slots of `symmetries` (slot, symmetry, belief in the symmetry) from one `source`."""
+        """Return the slots of `symmetries` (slot, symmetry, belief) from one `source`."""
         points, directions = np.full((2, NUM_SLOTS, 3), np.nan)
         slots = cls(np.zeros(NUM_SLOTS), points, directions, np.full(NUM_SLOTS, source, "U7"))
         for slot, symmetry, existence in symmetries:

@@ -94,7 +94,7 @@ def _fitted(
     """Fit by Gauss-Newton with annealed Tukey weights from priors `directions`, `points` (k, 3).
 
     Each fit has `count` residuals and four unknowns: two turns of the direction, then two offsets
-    across the direction (an axis) or, with `along`, one along the direction (a plane) and an unused.
+    across the direction (an axis) or, with `along`, one along it (a plane) and an unused one.
     """
     start = unit(directions)
     basis = basis_from_direction(start)[..., 1:].copy()

@@ -48,10 +48,10 @@ class GraspNetRoot:
 
     @classmethod
     def finished(cls, root: Path) -> "GraspNetRoot":
-        """Return the root, to be read.
+        """Return the finished dataset root for reading.
 
         Raises:
-            SymgraspError: a command that makes it was stopped, or still runs.
+            SymgraspError: a command that makes the root was stopped, or still runs.
         """
         refuse_unfinished(root)
         return cls(root)
@@ -96,7 +96,7 @@ class GraspNetRoot:
         """Return the scenes as `scenes` does.
 
         Raises:
-            SymgraspError: there is none.
+            SymgraspError: there are no scenes.
         """
         scenes = self.scenes(camera, split)
         if not scenes:

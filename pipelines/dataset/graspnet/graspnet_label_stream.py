@@ -66,8 +66,8 @@ def grasp_label_pieces(path: Path, num_points: int) -> Iterator[GraspLabel]:
     """Yield the label of `path` by `num_points` grasp points at a time, in file order.
 
     Raises:
-        FormatError: truncated, pickled, a zip bomb, or arrays that are missing or of another shape.
-            Damage in the middle is found when it is reached.
+        FormatError: the file is truncated, pickled or a zip bomb; arrays are missing or misshaped.
+            Damage in the middle is found when reading reaches it.
     """
     with ExitStack() as stack:
         try:

@@ -84,7 +84,7 @@ def _neighbours(faces: Indices) -> tuple[Indices, Mask]:
 
 
 def _against_first(count: int, pairs: Indices, opposed: Mask) -> tuple[Mask, Indices]:
-    """Return a mask of the `count` triangles opposed to the first of their sheet, and the sheets."""
+    """Return which of `count` triangles are opposed to the first of their sheet, and the sheets."""
     # Sparse graphs hold no zeros, so each entry is the weight plus one.
     graph = coo_matrix((1 + opposed, (pairs[:, 0], pairs[:, 1])), (count + 1, count + 1))
     sheet = connected_components(graph, directed=False)[1][:count].astype(np.int64)
@@ -126,7 +126,7 @@ def _clear_sides(mesh: Mesh, sheet: Indices) -> tuple[Mask, Mask]:
 
 
 def _samples(mesh: Mesh, sheet: Indices, rng: np.random.Generator) -> tuple[Array, Array, Indices]:
-    """Return points (n, 3), normals (n, 3) and triangles (n,), drawn by area, some on each sheet."""
+    """Return points (n, 3), normals (n, 3) and triangles (n,), by area, some on each sheet."""
     points, normals, triangle = sample_surface(mesh, NUM_SAMPLES, rng)
     order = rng.permutation(len(sheet))
     order = order[np.argsort(sheet[order], kind="stable")]

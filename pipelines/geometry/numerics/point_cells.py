@@ -37,7 +37,7 @@ class PointCells:
 
 
 def cell_keys(points: Array, size: float) -> Indices:
-    """Return the number (n,) of the cube, edge `size` metres, that contains each of `points` (n, 3).
+    """Return the number (n,) of the cube of edge `size` metres around each of `points` (n, 3).
 
     Cubes start at the lowest coordinates; numbers ascend by x, then y, then z.
     """

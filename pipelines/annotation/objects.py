@@ -43,7 +43,7 @@ THROUGH_COSINE = float(np.cos(np.radians(85.0)))  # of a plane's normal and an a
 
 @dataclass(frozen=True)
 class SourcedSymmetries:
-    """Symmetries, the source of each, and warnings about those that do not fit the mesh."""
+    """Symmetries, their sources, and warnings about symmetries that do not fit the mesh."""
 
     symmetries: tuple[Symmetry, ...]
     sources: tuple[str, ...]
@@ -140,7 +140,7 @@ def _edited(
 def _with_given(
     found: Sequence[Symmetry], given: Sequence[Symmetry], gauge: Gauge
 ) -> SourcedSymmetries:
-    """Return `found` with its rotation or sphere replaced by that of `given`."""
+    """Return `found` with its rotation or sphere replaced by the one of `given`."""
     if not given:
         return SourcedSymmetries(tuple(found), (FOUND,) * len(found))
     if any(isinstance(symmetry, SphereSymmetry) for symmetry in given):
@@ -159,7 +159,7 @@ def _with_given(
 def _measured(
     symmetries: Sequence[Symmetry], sources: Sequence[str], gauge: Gauge, source: str
 ) -> SourcedSymmetries:
-    """Return the symmetries, those of `source` with their errors on the mesh."""
+    """Return the symmetries; symmetries from `source` get their errors on the mesh."""
     measured, notes = [], []
     for symmetry, origin in zip(symmetries, sources, strict=True):
         if origin != source:

@@ -114,9 +114,7 @@ class AnnotateSymmetryConfig:
         2000, "Surface samples that a symmetry is verified on.", "D. 55", low=100
     )
     grid_resolution: int = count(56, "Cells of the distance grid along a side.", BY_EYE, low=4)
-    distance_cap: float = setting(
-        0.06, "diameters", "Largest distance that counts; larger ones are capped.", BY_EYE
-    )
+    distance_cap: float = setting(0.06, "diameters", "Cap of the distances to the surface.", BY_EYE)
     plane_directions: int = count(1000, "Normals of planes that are searched.", BY_EYE)
     plane_offsets: tuple[float, ...] = setting(
         (0.0, -0.04, 0.04, -0.08, 0.08),
@@ -152,7 +150,7 @@ class AnnotateSymmetryConfig:
     )
     max_error: float = fraction(
         0.03,
-        "Largest mean distance relative to the largest displacement, for thin objects.",
+        "Largest mean distance, relative to the largest displacement: limits thin objects.",
         BY_EYE,
     )
     min_agreement: float = fraction(
@@ -168,7 +166,9 @@ class AnnotateSymmetryConfig:
         0.8, "Least share of a region's surface that its symmetry explains.", "D. 36"
     )
     min_body_share: float = fraction(
-        0.25, "Least share of bodies of revolution in the curved surface to cut an object.", "D. 36"
+        0.25,
+        "Share of bodies of revolution in the curved surface from which an object is cut.",
+        "D. 36",
     )
     min_part_share: float = fraction(
         0.03, "Area share below which a part is merged with the part that it touches.", "D. 36"
@@ -188,8 +188,10 @@ class RefineGraspsConfig:
     use_symmetry: bool = choice(
         True, "Copy grasps across symmetries; without, labels stay as they are.", "Table IV"
     )
-    max_friction: float = setting(1.0, "factor", "Largest friction of a grasp.", "D. 15")
-    copies_per_turn: int = count(36, "Copies about a continuous axis.", "D. 3", high=72)
+    max_friction: float = setting(1.0, "factor", "Largest friction of a kept grasp.", "D. 15")
+    copies_per_turn: int = count(
+        36, "Copies about a continuous axis, evenly turned.", "D. 3", high=72
+    )
     merge_distance: float = setting(
         0.001, "m", "Distance of contacts below which grasps are duplicates.", "D. 2", low=1e-5
     )

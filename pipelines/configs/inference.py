@@ -59,7 +59,7 @@ class InferConfig:
     )
     selects_for_peers: bool = choice(
         False,
-        "Keep only those grasps of a compared method that our selection finds feasible (III-F).",
+        "Keep only feasible grasps of a compared method, by our selection (Sec. III-F).",
         "D. 133",
     )
     mirrored: bool = choice(
@@ -80,15 +80,15 @@ class InferConfig:
         0.5, "Least share of a geometric region outside of detections.", BY_EYE
     )
     min_piece_share: float = fraction(
-        0.1, "Least share of a piece in a detection that is split.", "D. 97"
+        0.1, "Least share of each piece when a detection is split.", "D. 97"
     )
     min_piece_inside: float = fraction(
         0.8, "Least share of a geometric piece inside a region without grasps.", "D. 97"
     )
-    max_grasps_per_region: int = count(20, "Most grasps of a region, none alike.", BY_EYE)
+    max_grasps_per_region: int = count(20, "Most grasps of a region, no two alike.", BY_EYE)
     min_score: float = fraction(0.0, "Score below which grasps are left out.", ROBOT)
     weak_below: float = fraction(
-        0.3, "Score below which grasps are marked as not worth trying.", "D. 124"
+        0.3, "Score below which kept grasps are marked as not worth trying.", "D. 124"
     )
     limits: LimitsConfig = field(default_factory=LimitsConfig)
     sensor: SensorConfig = field(default_factory=SensorConfig)
@@ -102,7 +102,7 @@ class WatchConfig:
 
     poll: float = setting(0.1, "s", "Time between checks of the folder.", "D. 75", low=0.001)
     relist: float = setting(
-        2.0, "s", "Time after which folders without visible changes are listed.", "D. 75"
+        2.0, "s", "Time after which folders without visible changes are listed again.", "D. 75"
     )
     settle: float = setting(
         0.3, "s", "Time without change after which a frame's files are complete.", "D. 75"

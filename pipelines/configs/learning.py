@@ -86,7 +86,9 @@ class NetworkConfig:
         (16, 16, 16, 32), "Neighbours at each level; all points at the last.", "D. 25"
     )
     set_strides: tuple[int, int, int, int] = count(
-        (3, 1, 1, 1), "Neighbour stride of each level.", "D. 25"
+        (3, 1, 1, 1),
+        "Neighbour stride n of each level: neighbours are among every n-th point.",
+        "D. 25",
     )
     use_pift: bool = choice(True, "Deform points before aggregation (Eq. 3).", "Sec. III-E")
     pift: PIFTVariant = choice(
@@ -95,7 +97,9 @@ class NetworkConfig:
         "D. 96",
     )
     canonical_frame: bool = choice(
-        True, "Use the first PIFT's frame for input points and symmetries.", "D. 83, D. 95"
+        True,
+        "Use the canonical frame of PIFT for input points and symmetries.",
+        "D. 83, D. 95",
     )
 
 
@@ -176,7 +180,11 @@ class TrainConfig:
         "Target of existence: listed, the symmetry is labelled; right, also predicted right.",
         "D. 140",
     )
-    use_siamese: bool = choice(True, "Train with Siamese consistency (Fig. 3).", "Sec. III-E")
+    use_siamese: bool = choice(
+        True,
+        "Train with Siamese consistency: same features in a scaled copy (Fig. 3).",
+        "Sec. III-E",
+    )
     num_loss_points: int = count(384, "Points of a region for the loss.", "D. 113")
     micro_batch_size: int = count(0, MICRO_BATCH_MEANING, "D. 58", low=0)
     ema_decay: float = fraction(0.998, EMA_DECAY, "D. 113")
@@ -192,7 +200,7 @@ class TrainCriticConfig:
     frame_stride: int = count(1, "Take every n-th frame of a scene.", BY_EYE)
     max_grasps: int = count(64, "Most grasps of a region in each pass.", "D. 82")
     epochs: int = count(12, "Passes over the candidates.", BY_EYE)
-    batch_size: int = count(256, "Approximate candidates in a step.", BY_EYE)
+    batch_size: int = count(256, "Approximate number of candidates in a step.", BY_EYE)
     learning_rate: float = setting(0.002, "factor", "Learning rate of Adam, at first.", BY_EYE)
     decay: float = fraction(0.9, DECAY, BY_EYE)
     decay_epochs: float = count(
@@ -205,7 +213,7 @@ class TrainCriticConfig:
     weight_choice: float = setting(
         1.0,
         "weight",
-        "Weight of the choice among a region's grasps against single grasps.",
+        "Loss weight of the choice among a region's grasps, relative to single grasps.",
         "D. 86",
     )
     infer: InferConfig = field(default_factory=InferConfig)

@@ -18,7 +18,7 @@ class SensorConfig:
     """Depth errors that are allowed when counterparts are checked against the depth image."""
 
     behind_tolerance: float = setting(
-        0.005, "m", "Largest distance of a counterpart before the seen surface.", "D. 6"
+        0.005, "m", "Largest distance of a counterpart in front of the seen surface.", "D. 6"
     )
     depth_noise: float = setting(
         0.003, "m", "Depth noise at one metre; grows with the square of depth.", "D. 6"
@@ -107,13 +107,17 @@ class FeasibilityConfig:
         0.001, "m", "Distance by which the gripper's bodies are enlarged.", "D. 101"
     )
     max_points_inside: int = count(
-        2, "Most measured points in a body that count as noise.", "D. 87", low=0
+        2, "Most measured points inside a body, as noise.", "D. 87", low=0
     )
-    approach_distance: float = setting(0.10, "m", "Length of the approach path to check.", "D. 77")
+    approach_distance: float = setting(
+        0.10, "m", "Length of the approach path that must be free.", "D. 77"
+    )
     opening_margins: tuple[float, ...] = setting(
         (0.008, 0.004), "m", "Opening margins to try, the largest first.", "D. 92"
     )
-    opening_margin_share: float = fraction(0.25, "Largest opening margin per width.", "D. 102")
+    opening_margin_share: float = fraction(
+        0.25, "Largest opening margin, as a share of the width.", "D. 102"
+    )
 
 
 @dataclass(frozen=True)
@@ -135,7 +139,7 @@ class RankingConfig:
         0.9, "Share of Eq. 8 lost if the space around the finger tips is unseen.", "D. 68"
     )
     max_ranked: int = count(
-        96, "Most grasps of a region and pass that are ranked, by stability.", "D. 82"
+        96, "Most grasps ranked in a region and pass, the most stable first.", "D. 82"
     )
     min_stability: float = fraction(
         0.85, "Least stability for Eq. 8, relative to the best candidate.", "D. 28"
@@ -180,7 +184,7 @@ class LimitsConfig:
         (), "m", "Corners x0,y0,z0,x1,y1,z1 of the workspace; empty for none.", ROBOT, low=-inf
     )
     box_frame: ReferenceFrame = choice(
-        "camera", "Frame of the box: camera, or table, with z up from the plane.", ROBOT
+        "camera", "Frame of the box; table: z up from it, its origin nearest to the camera.", ROBOT
     )
     approach_cone: float = setting(
         180.0, "deg", "Largest angle between approach axis and approach direction.", ROBOT

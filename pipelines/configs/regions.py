@@ -33,7 +33,7 @@ class ColorConfig:
         7.0, "px", "Least width of an object at its widest place; cables are thinner.", BY_EYE
     )
     min_confined: float = fraction(
-        0.6, "Least share of a region inside a colour piece that completes it.", BY_EYE
+        0.6, "Share of a region inside a colour piece from which the piece completes it.", BY_EYE
     )
     max_low: float = setting(
         2.5,
@@ -42,7 +42,7 @@ class ColorConfig:
         BY_EYE,
     )
     min_convexity: float = fraction(
-        0.9, "Least share of its convex hull that a piece fills to join low regions.", BY_EYE
+        0.9, "Share of its convex hull that a piece must fill to join its low regions.", BY_EYE
     )
 
 
@@ -88,7 +88,7 @@ class RegionConfig:
         0.25, "Least share of an object over the visible support plane.", "D. 132"
     )
     min_support_behind: float = fraction(
-        0.02, "Least share of the support behind a steep object; a wall has less.", "D. 132"
+        0.02, "Least share of the support behind a large steep surface; a wall has less.", "D. 132"
     )
     max_border: float = setting(
         3.0,

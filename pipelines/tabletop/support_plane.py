@@ -110,7 +110,7 @@ def find_support(
     best = max(
         (each for each in found if _is_floor(each, best, seen)), key=seen.value, default=best
     )
-    # Pixels nearer than the plane weigh no more than those of the plane.
+    # Pixels nearer than the plane weigh no more than pixels of the plane.
     most = float(quantiles(weight[best.evidence > 0], 1.0 - CLOSEST_SHARE))
     share = seen.value(best) / float(np.minimum(weight, most).sum())
     return best.support if share > config.min_plane_share else None
@@ -207,7 +207,7 @@ def _ransac(
 ) -> Affine | None:
     """Return (a, b, c) of the plane 1/z = a u + b v + c with most pixels within `tolerance`.
 
-    None if every drawn triple of pixels lies on a line.
+    None if every drawn triple of pixels is collinear.
     """
     triples = rng.integers(0, len(u), (ITERATIONS, 3))
     matrices = np.stack([u[triples], v[triples], np.ones(triples.shape)], axis=-1)

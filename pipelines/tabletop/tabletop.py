@@ -187,7 +187,7 @@ def _pixels_of_sides(
         z: (H, W) depth in metres, nan where missing.
         near: (H, W) pixels to search.
         inliers: (H, W) pixels of the plane.
-        over: (H, W) inverse depth minus that of the plane.
+        over: (H, W) inverse depth minus the plane's.
         tolerance: inverse depth from which a pixel counts as below.
         step: largest difference of neighbours on one surface, as a share of their depth.
     """

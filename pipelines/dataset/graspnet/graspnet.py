@@ -8,7 +8,7 @@
     ROOT/scenes/scene_NNNN/{kinect,realsense}/{camK,camera_poses,cam0_wrt_table}.npy
 
 and, written by our own stages, ROOT/{symmetry,regions}/NNN.json and ROOT/affordance/NNN.h5.
-A root may have only some of the cameras, splits and frames; those that are present are listed.
+A root may have only some of the cameras, splits and frames; only existing ones are listed.
 """
 
 import re

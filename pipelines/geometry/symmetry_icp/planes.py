@@ -218,7 +218,7 @@ def _without_duplicates(fits: Sequence[PlaneFit]) -> list[PlaneFit]:
 
 
 def _largest_clique(chosen: set[int], left: set[int], alike: Array) -> set[int]:
-    """Return the largest set of `chosen` and some of `left` whose members are all alike."""
+    """Return the largest set of `chosen` and members of `left` that are all alike."""
     best, open_ones = chosen, set(left)
     while open_ones and len(chosen) + len(open_ones) > len(best):
         first = min(open_ones)

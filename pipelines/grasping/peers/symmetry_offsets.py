@@ -1,4 +1,4 @@
-"""Symmetries of a region from the predictions of its points: SymmetryNet's aggregation (IV-E)."""
+"""Symmetries of a region from its points' predictions: SymmetryNet's aggregation, Sec. IV-E."""
 
 from dataclasses import dataclass
 

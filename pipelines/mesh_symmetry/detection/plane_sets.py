@@ -33,7 +33,7 @@ FACING_POWER = 8  # exponent of the cosine between a face's normal and the plane
 def consistent_planes(
     shape: UnitSurface, planes: Sequence[Accepted], config: AnnotateSymmetryConfig
 ) -> list[Accepted]:
-    """Return the planes, best first, without those that contradict a better one.
+    """Return the planes, best first, without planes that contradict a better plane.
 
     Two mirrors imply a turn by twice their angle, and all images of the two. A loose plane next to
     a true one, as a plane next to the spout of a jug, fails this test.
@@ -104,9 +104,9 @@ def plane_across(
 def best_planes(
     shape: UnitSurface, accepted: Sequence[Accepted], config: AnnotateSymmetryConfig
 ) -> list[Accepted]:
-    """Return at most `max_planes` planes: the most orthogonal ones, with faces along their normals.
+    """Return at most `max_planes` planes: the most orthogonal set, with faces along the normals.
 
-    A cube has nine planes, the network three slots. Among equally orthogonal triples, the one
+    A cube has nine planes, the network three slots. Among equally orthogonal triples, the triple
     parallel to faces is best: its mirrored points face each other and can be grasped.
     """
     if len(accepted) <= config.max_planes:

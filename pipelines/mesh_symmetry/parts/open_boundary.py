@@ -79,7 +79,7 @@ def linked(points: Array) -> Indices:
 
 
 def cut_off(missed: Mask, at_rim: Mask, rim_is_nearest: Mask, links: Indices) -> Mask:
-    """Return the mask (n,) of samples whose image lies beyond a rim of the surface.
+    """Return the mask (n,) of samples whose image is beyond a rim of the surface.
 
     `missed`: (n,) samples whose image is off the surface, `at_rim`: (n,) samples whose image is
     near a rim, `rim_is_nearest`: (n,) samples whose image has no part of the surface much nearer

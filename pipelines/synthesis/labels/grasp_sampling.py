@@ -96,7 +96,7 @@ def _label_point(
         width[tuple(index)] = np.where(np.isfinite(smallest), 2.0 * smallest, 0.0)
         holding = found.limited(max(config.friction_grid))
         for column in range(holding.half.shape[1]):
-            # Take the smallest opening, unless it collides with the object and a wider one does not.
+            # Take the smallest opening, unless it collides with the object and a wider does not.
             open_ = np.isfinite(holding.half[:, column]) & collision[tuple(index)]
             if not open_.any():
                 break

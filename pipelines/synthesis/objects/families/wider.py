@@ -282,7 +282,7 @@ def decoy_bottle(rng: Rng) -> Shape:
 
 
 def tape_dispenser(rng: Rng) -> Shape:
-    """Rolls in a holder: a thick pipe that lies on a foot."""
+    """Rolls in a holder: a thick pipe on a foot."""
     r, w = rng.uniform(0.024, 0.034), rng.uniform(0.018, 0.03)
     roll = pipe(r, r * rng.uniform(0.5, 0.7), w, 0.0015).moved(Z_TO_Y)
     foot = box((2.6 * r, 1.3 * w, 0.016), 0.001).moved(

@@ -32,9 +32,7 @@ class AnnotationExtras:
     """Optional inputs and outputs of `annotate-symmetry`."""
 
     edits: Path | None = None  # corrections by hand
-    bop_symmetries: Path | None = (
-        None  # models_info.json with rotations that replace the detected ones
-    )
+    bop_symmetries: Path | None = None  # models_info.json: rotations to replace detected ones
     bop: Path | None = None  # models_info.json to write
     pictures: Path | None = None  # folder for contact sheets
 

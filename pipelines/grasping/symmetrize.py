@@ -41,9 +41,7 @@ CELL_FACTORS = np.array(
 LEAST_ORDER = 12  # errors of mirrors and turns measured on scans are below half a step
 STEP_SHARE = 0.51  # of a step: every turn about a continuous axis is this near a copy
 MAX_GROUP = 288  # transforms; a continuous axis, a plane across it and one along it make 143
-MAX_COPIES = (
-    MAX_GROUP // 4
-)  # per turn; a plane across the axis and a plane along it multiply by four
+MAX_COPIES = MAX_GROUP // 4  # per turn; a plane across and a plane along the axis multiply by 4
 CELL_SLACK = 0.9  # cells are slightly smaller than the merge distance, against rounding
 
 
@@ -105,9 +103,7 @@ def symmetry_group(symmetries: Sequence[Symmetry], copies_per_turn: int) -> Arra
 
 def _new_transforms(products: Array, known: Array, angle: float) -> Array:
     """Return the `products` that differ by more than `angle` from `known` and each other."""
-    reach = (
-        2.0 * np.sqrt(2.0) * np.sin(angle / 2.0)
-    )  # distance of matrices that differ by this angle
+    reach = 2.0 * np.sqrt(2.0) * np.sin(angle / 2.0)  # of matrices that differ by this angle
 
     def matrices(transforms: Array) -> Array:
         return transforms[:, :3, :3].reshape(-1, 9)

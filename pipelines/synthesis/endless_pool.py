@@ -89,9 +89,7 @@ class EndlessPool:
 
 def _start(root: Path, config: EndlessConfig, seed: int, parent: int) -> None:
     begin_worker(parent)  # the training handles Ctrl-C
-    signal.signal(
-        signal.SIGTERM, _end_soon
-    )  # torchrun signals all processes, but the step still needs scenes
+    signal.signal(signal.SIGTERM, _end_soon)  # torchrun signals all; the step needs its scenes
     cv2.setNumThreads(1)
     try:
         _OWN.append(EndlessScenes.of_root(root, config, seed))

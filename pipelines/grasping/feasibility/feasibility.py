@@ -124,7 +124,7 @@ class Feasibility:
         return allowed
 
     def clearance(self, grasps: GraspPoses, cap: float) -> Array:
-        """Return the distance (n,) to the nearest point of other regions, metres, b of Eq. 8."""
+        """Return the distance (n,) to the nearest point off the region, metres, b of Eq. 8."""
         return clearance(grasps, self.gripper, self.around.others, cap)
 
     def _are_possible(self, base: GraspPoses, angles: Array) -> Mask:

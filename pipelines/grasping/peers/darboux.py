@@ -11,10 +11,7 @@ from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import cross
 from pipelines.grasping.peers.hands import Hands, free_hands
 
-MIN_HEIGHT, MAX_HEIGHT = (
-    0.006,
-    0.5,
-)  # metres over the table: lower is the table, higher is no object
+MIN_HEIGHT, MAX_HEIGHT = 0.006, 0.5  # metres over the table: lower is table, higher no object
 NORMAL_NEIGHBOURS, FRAME_NEIGHBOURS = 10, 40
 RADIUS = 0.01  # metres, radius of the neighbours for a normal and for a frame
 DEPTH = 0.02  # metres from a candidate's point to its finger tips

@@ -11,9 +11,7 @@ from pipelines.grasping.scene import RegionCloud
 # All chosen by eye; the shipped weights were trained with these values.
 RADII = (0.006, 0.012)  # metres, radii of the patches about a contact
 NUM_POINTS = 1500  # of the region, at most, for measuring the patches
-CONTACT_REACH = (
-    0.015  # metres, largest distance of the nearest point for its normal to be the contact's
-)
+CONTACT_REACH = 0.015  # metres within which the nearest point's normal is the contact's
 FARTHEST = 0.03  # metres, cap of the distance to the nearest point
 ENOUGH = 30  # points in a patch; more add nothing
 

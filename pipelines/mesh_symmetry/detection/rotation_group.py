@@ -44,9 +44,7 @@ def implied_rotations(symmetries: Sequence[Symmetry]) -> Rotations:
         return Rotations(nothing if flip is None else flip[None], (rounds[0],))
     generators = [_transform(symmetry) for symmetry in symmetries]
     group = _closure(generators)
-    if (
-        group is None
-    ):  # mirrors at arbitrary angles generate no finite group; each axis keeps its turns
+    if group is None:  # mirrors at odd angles generate no finite group; each axis keeps its turns
         turns = [s for s in symmetries if isinstance(s, RotationSymmetry)]
         group = [g for turn in turns for g in _closure([_transform(turn)]) or []]
     proper = [turn_of(g) for g in group if np.linalg.det(g[:3, :3]) > 0]

@@ -19,9 +19,7 @@ MAX_PRODUCTS = 4_000_000  # numbers in memory at a time
 NUM_SMOOTHED = 16  # samples over which a normal is averaged
 SAME_SIDE_COSINE = 0.3  # between normals; excludes the other faces of an edge and of a thin wall
 ROUGH_PASSES = 3  # passes of averaging if noise has tilted the triangles
-ROUGH_AGREEMENT = (
-    0.85  # factor: passes make neighbours share noise, but not a surface and its image
-)
+ROUGH_AGREEMENT = 0.85  # factor: by passes neighbours share noise, a surface and its image do not
 ROUGH_SLOPE = 0.03  # noise over the distance of the measured neighbours
 NUM_PROBES, NUM_NEIGHBOURS = 500, 40  # places where noise is measured, and samples around each
 NUM_NEAREST = 10  # neighbours for the first fit at a place

@@ -9,9 +9,7 @@ from pipelines.geometry.transforms import make_pose, transform_points, unit
 from pipelines.synthesis.objects.decomposition import hull_of_points
 from pipelines.synthesis.objects.solids import CORNERS, on_levels
 
-DEEPEST = (
-    0.8  # of the distance from the camera to the table, so that the hand stays above the table
-)
+DEEPEST = 0.8  # of the distance from camera to table, so that the hand stays above the table
 ARM_LENGTH = 0.6  # metres, long enough to leave the image
 
 

@@ -64,7 +64,7 @@ def read_mesh(path: Path, scale: float = 1.0) -> Mesh:
     if path.suffix.lower() not in MESH_SUFFIXES:
         if path.suffix.lower() in UNREAD_SUFFIXES:
             kinds = ", ".join(MESH_SUFFIXES)
-            raise FormatError(path, f"is of a format that is not read; {kinds} are", CONVERSION)
+            raise FormatError(path, f"has a format that is not read; {kinds} are", CONVERSION)
         raise UnknownNameError("mesh format", path.suffix, MESH_SUFFIXES)
     loaded = _load(existing(path))
     if len(loaded.faces) == 0:
@@ -213,7 +213,7 @@ def _passed_over(files: Sequence[Path]) -> list[str]:
         found = f"{count} of formats that are not read: {_some(others)}"
         sentences.append(f"{found}; {CONVERSION}")
     if folders:
-        found = f"meshes of folders below are not read: {_some(folders)}"
+        found = f"meshes of subfolders are not read: {_some(folders)}"
         sentences.append(f"{found}; give each by name")
     return sentences
 
@@ -265,7 +265,9 @@ def _geometry(path: Path) -> Any:  # noqa: ANN401 - a mesh or a cloud of trimesh
     shown = [scene.graph[name][1] for name in scene.graph.nodes_geometry]
     triangles = sum(len(getattr(scene.geometry[name], "faces", ())) for name in shown)
     if triangles > MAX_TRIANGLES:
-        raise FormatError(path, f"shows {triangles} triangles", f"at most {MAX_TRIANGLES} are read")
+        raise FormatError(
+            path, f"contains {triangles} triangles", f"at most {MAX_TRIANGLES} are read"
+        )
     for each in scene.geometry.values():
         shape = np.shape(each.vertices)
         if len(shape) != 2 or shape[1] != 3:

@@ -155,13 +155,15 @@ def _check_points(path: Path, shape: tuple[int, ...]) -> None:
 def _refuse_bomb(path: Path, info: zipfile.ZipInfo) -> None:
     if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise FormatError(
-            path, f"{info.filename} is packed in way {info.compress_type}", "stored or deflated"
+            path,
+            f"{info.filename} has compression method {info.compress_type}",
+            "stored or deflated",
         )
     if info.file_size > MAX_DEFLATE_RATIO * (info.compress_size + 1):
         raise FormatError(
             path,
             f"{info.filename} claims to unpack from {info.compress_size} to {info.file_size} bytes",
-            "no honest archive does",
+            f"at most {MAX_DEFLATE_RATIO} times its size is possible",
         )
 
 

@@ -77,7 +77,7 @@ def check_triangles(path: Path, regions: Iterable[tuple[str, Indices]], mesh: Me
 
 def _region(path: Path, mesh: Mesh, entry: Any) -> ManualRegion:  # noqa: ANN401 - JSON
     if not isinstance(entry, dict) or ("triangles" in entry) == ("box" in entry):
-        raise FormatError(path, "a region is not right", "it has either `triangles` or `box`")
+        raise FormatError(path, "a region is malformed", "either `triangles` or `box` is expected")
     name = str(entry.get("name", "region"))
     if "box" in entry:
         triangles, which = _in_box(path, mesh, entry), "its box holds none: metres, object frame?"
@@ -97,7 +97,7 @@ def _in_box(path: Path, mesh: Mesh, entry: Mapping[str, Any]) -> Indices:
     with reading(path, "a box", "two corners, metres"):
         low, high = np.asarray(entry["box"], dtype=np.float64).reshape(2, 3)
     if not np.isfinite([low, high]).all() or (low > high).any():
-        raise FormatError(path, "a box's corners are not right", "the lower one first, metres")
+        raise FormatError(path, "a box's corners are wrong", "the lower corner first, metres")
     centroids = mesh.vertices[mesh.faces].mean(axis=1)
     inside = ((centroids >= low) & (centroids <= high)).all(axis=1)
     return np.flatnonzero(inside).astype(np.int64)

@@ -111,7 +111,7 @@ def _fixed(edits: ObjectEdits, content: Mapping[str, Any], old: Symmetry) -> Sym
     known = symmetry_to_json(old)
     for key in changes:
         if key not in known:
-            found = f"{key!r} is no entry of a {old.kind} of {edits.name}"
+            found = f"{key!r} is no parameter of a {old.kind} of {edits.name}"
             raise FormatError(edits.path, found, _one_of(known))
     return symmetries_from_json(edits.path, [known | changes])[0]
 

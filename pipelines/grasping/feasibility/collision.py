@@ -76,7 +76,7 @@ def first_free(
     """Return indices (f,) of free grasps that hold something, and enclosed heights (f,), metres.
 
     The most stable grasps, by `stability` (n,), come first. `wanted`: the share of the first free
-    grasp's stability that other grasps need, and the most grasps to return. The search then ends.
+    grasp's stability that other grasps need, and the most grasps to return, which end the search.
     """
     frames, bounds = _bodies(grasps, gripper, obstacles)
     test = np.float32(config.body_margin), config.max_points_inside, obstacles.cells

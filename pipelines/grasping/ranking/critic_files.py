@@ -38,7 +38,7 @@ def read_point_critic(path: Path, model: str) -> PointCritic:
     """Read the weights of `model`, `PLANES` or `GRASPS`.
 
     Raises:
-        FormatError: the file holds no weights of such a critic, or of one with other features.
+        FormatError: the file holds no weights of this critic, or has other features.
     """
     return PointCritic(FEATURES[model], _read(path, model, FEATURES[model].weight_shapes()))
 
@@ -47,7 +47,7 @@ def read_axis_critic(path: Path) -> AxisCritic:
     """Read the weights of the critic of axes and spheres.
 
     Raises:
-        FormatError: the file holds no weights of such a critic, or of one with other features.
+        FormatError: the file holds no weights of this critic, or has other features.
     """
     size = (1 + len(axis_critic.FEATURES),)
     return AxisCritic(**_read(path, AXES, dict.fromkeys(axis_critic.KINDS, size)))

@@ -63,8 +63,8 @@ def label_points(target: LabelTarget, points: Singles, config: LabelConfig) -> G
     """Return the grasp label of `points` (p, 3) on the surface of `target`, object frame, metres.
 
     `collision` is between the gripper and the object itself; infeasible candidates are not tested
-    and count as in collision. A width is the opening: the farther contact's distance plus half of
-    `config.width_margin` on each side, or 0 if no opening has two contacts.
+    and count as in collision. A width is the opening, which clears the farther contact by half of
+    `config.width_margin` on each side; it is 0 if no opening has two contacts.
     """
     _check_grid(config)
     shape = (len(points), *LABEL_GRID)

@@ -1,1 +1,1 @@
-"""Annotation of an object: symmetries found, given, corrected by a person."""
+"""Annotation of an object: symmetries detected, given, or corrected by a person."""

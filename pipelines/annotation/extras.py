@@ -32,7 +32,7 @@ class AnnotationExtras:
     """Optional inputs and outputs of `annotate-symmetry`."""
 
     edits: Path | None = None  # corrections by hand
-    bop_symmetries: Path | None = None  # models_info.json whose rotations replace those found
+    bop_symmetries: Path | None = None  # models_info.json: rotations to replace detected ones
     bop: Path | None = None  # models_info.json to write
     pictures: Path | None = None  # folder for contact sheets
 

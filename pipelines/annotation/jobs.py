@@ -66,7 +66,7 @@ def without_given(items: Sequence[WorkItem], path: Path, sources: Sources) -> li
     """Return the names of the items without an entry in BOP's file `path`.
 
     Raises:
-        SymgraspError: no item has an entry, so the file is that of other objects.
+        SymgraspError: no item has an entry, so the file is for other objects.
     """
     missing = [item.name for item in items if item.arguments[0].given is None]
     if len(missing) == len(items):

@@ -43,7 +43,7 @@ THROUGH_COSINE = float(np.cos(np.radians(85.0)))  # of a plane's normal and an a
 
 @dataclass(frozen=True)
 class SourcedSymmetries:
-    """Symmetries, the source of each, and warnings about those that do not fit the mesh."""
+    """Symmetries, their sources, and warnings about symmetries that do not fit the mesh."""
 
     symmetries: tuple[Symmetry, ...]
     sources: tuple[str, ...]
@@ -63,8 +63,8 @@ def annotate(
     """Return the annotation of `mesh`, object frame, metres, and notes on problems.
 
     Triangles without area and duplicates are ignored. `regions_path`: regions by hand, which
-    replace those found. `given`: rotation or sphere of another source, which replaces the one
-    found. `edits`: corrections by hand of the symmetries found.
+    replace the detected ones. `given`: rotation or sphere of another source, which replaces the
+    detected one. `edits`: corrections by hand of the detected symmetries.
 
     Raises:
         ValueRangeError: no triangle has an area.
@@ -73,16 +73,16 @@ def annotate(
     cleaned, kept, dropped = clean_mesh(mesh)
     gauge = Gauge.of(cleaned, config, rng.spawn(1)[0])
     detection = analyse(cleaned, config, rng)
-    said = _with_given(detection.symmetries, given, gauge)
-    assessment = gauge.assess(said.symmetries, detection.partial)
+    sourced = _with_given(detection.symmetries, given, gauge)
+    assessment = gauge.assess(sourced.symmetries, detection.partial)
     labels = ObjectSymmetries(
         name,
-        said.symmetries,
+        sourced.symmetries,
         doubt=assessment.doubt,
         rejected=assessment.rejected,
-        sources=said.sources,
+        sources=sourced.sources,
     )
-    notes = (*filter(None, [dropped]), *said.notes)
+    notes = (*filter(None, [dropped]), *sourced.notes)
     if edits is not None:
         labels, more = _edited(labels, edits, gauge)
         notes += more
@@ -140,7 +140,7 @@ def _edited(
 def _with_given(
     found: Sequence[Symmetry], given: Sequence[Symmetry], gauge: Gauge
 ) -> SourcedSymmetries:
-    """Return `found` with its rotation or sphere replaced by that of `given`."""
+    """Return `found` with its rotation or sphere replaced by the one of `given`."""
     if not given:
         return SourcedSymmetries(tuple(found), (FOUND,) * len(found))
     if any(isinstance(symmetry, SphereSymmetry) for symmetry in given):
@@ -159,7 +159,7 @@ def _with_given(
 def _measured(
     symmetries: Sequence[Symmetry], sources: Sequence[str], gauge: Gauge, source: str
 ) -> SourcedSymmetries:
-    """Return the symmetries, those of `source` with their errors on the mesh."""
+    """Return the symmetries; symmetries from `source` get their errors on the mesh."""
     measured, notes = [], []
     for symmetry, origin in zip(symmetries, sources, strict=True):
         if origin != source:

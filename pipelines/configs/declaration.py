@@ -1,8 +1,8 @@
-"""Declaration of a setting: its default, unit, meaning, origin and range, beside its name and type.
+"""Declaration of a setting: default, unit, meaning, origin and range.
 
-    approach: float = setting(0.10, "m", "Way along the approach axis.", "D. 48")
+    approach: float = setting(0.10, "m", "Distance along the approach axis.", "D. 48")
     min_affordance: float = fraction(0.5, "Least affordance of a contact.", "Sec. III-E")
-    rank_by: Ranking = choice("critic", "What orders grasps.", "D. 82")
+    rank_by: Ranking = choice("critic", "Order of grasps.", "D. 82")
 
 The option of a command, the settings file, `--set` and the reference all read this declaration.
 """
@@ -13,10 +13,10 @@ from typing import TypeVar
 
 Default = TypeVar("Default")
 
-# The origin of a number that no paper, record or data sheet gives.
+# Origin of a number without a paper, record or data sheet.
 BY_EYE = "chosen by eye"
 DECLARATION = "declaration"
-# Each unit with the largest value that it allows; the smallest is 0 unless a setting has another.
+# Largest value of each unit; the smallest is 0 unless the setting has another.
 UNITS = {
     "": inf,  # no number
     "share": 1.0,
@@ -43,14 +43,14 @@ UNITS = {
 
 @dataclass(frozen=True)
 class Declaration:
-    """Meaning and range of one setting; the dataclass that it is a field of has name and type.
+    """Unit, meaning, origin and range of a setting; its dataclass has the name and the type.
 
     Attributes:
         unit: one of `UNITS`; empty for names and switches.
         meaning: a sentence for users.
         origin: a section of the paper, a decision record (`D. 82`), a sensor, or `BY_EYE`.
-        low: smallest number that is accepted.
-        high: largest number that is accepted.
+        low: smallest accepted number.
+        high: largest accepted number.
     """
 
     unit: str
@@ -78,12 +78,12 @@ def setting(
 def count(
     default: Default, meaning: str, origin: str, *, low: float = 1, high: float | None = None
 ) -> Default:
-    """Declare a whole number of things, or a tuple of such numbers."""
+    """Declare a count, or a tuple of counts."""
     return setting(default, "count", meaning, origin, low=low, high=high)
 
 
 def fraction(default: Default, meaning: str, origin: str) -> Default:
-    """Declare a part of a whole, 0 to 1."""
+    """Declare a share, 0 to 1."""
     return setting(default, "share", meaning, origin)
 
 

@@ -26,22 +26,24 @@ Method = Literal[
     "graspnet",
     "symmetrynet",
 ]
-# Those that find grasps in a whole frame, without regions.
+# Compared methods that find grasps in a whole frame, without regions.
 FRAME_PEERS = ("gg-cnn", "multi-grasp", "pointnetgpd", "graspnet")
-REGION_PEERS = ("symmetrynet",)  # those that find symmetries of regions
+REGION_PEERS = ("symmetrynet",)  # compared methods that find symmetries of regions
 TRAINED_METHODS = (*FRAME_PEERS, *REGION_PEERS)
 ExportFormat = Literal["graspnet", "contact-graspnet", "isaac", "json", "csv", "ros-json"]
 
 TCP = (
-    "Tool centre point whose poses are given: tips, contacts, or its distance from the mounting "
+    "Tool centre point of the poses: tips, contacts, or its distance from the mounting "
     "face along the approach in metres; empty for the format's own origin."
 )
-GRIPPER_USED = "Gripper preset or TOML file; empty for the gripper that the grasps were found for."
+GRIPPER_USED = (
+    "Gripper preset or TOML file; empty for the gripper that the grasps were planned for."
+)
 
 
 @dataclass(frozen=True)
 class InferConfig:
-    """Frames in, grasps out."""
+    """Detection of grasps in frames."""
 
     regions: RegionSource = choice(
         "auto",
@@ -57,38 +59,36 @@ class InferConfig:
     )
     selects_for_peers: bool = choice(
         False,
-        "Keep of a compared method's grasps those that our selection finds feasible (Sec. III-F).",
+        "Keep only feasible grasps of a compared method, by our selection (Sec. III-F).",
         "D. 133",
     )
     mirrored: bool = choice(
-        False, "Show the network the mirror image of each region too.", "D. 101"
+        False, "Run the network on the mirror image of each region too.", "D. 101"
     )
     gripper: str = choice("rg2", "Gripper: rg2, robotiq_2f85, franka, or a TOML file.", "D. 54")
     geometric_confidence: float = fraction(
-        0.4, "Confidence of regions that the detector did not find.", BY_EYE
+        0.4, "Confidence of regions without a detection.", BY_EYE
     )
     min_region_pixels: int = setting(
         200, "px", "Least number of pixels of a region.", BY_EYE, low=1
     )
-    min_foreground: float = fraction(
-        0.5, "Share of a detection that must stand above the table.", BY_EYE
-    )
+    min_foreground: float = fraction(0.5, "Least share of a detection above the table.", BY_EYE)
     clip_detections: bool = choice(
-        True, "Take from a detection the pixels that depth shows on the table.", "D. 19"
+        True, "Remove from detections the pixels that depth shows on the table.", "D. 19"
     )
     min_uncovered: float = fraction(
-        0.5, "Share of a geometric region that detections must leave free.", BY_EYE
+        0.5, "Least share of a geometric region outside of detections.", BY_EYE
     )
     min_piece_share: float = fraction(
-        0.1, "Least size of each piece of a detection that is taken apart.", "D. 97"
+        0.1, "Least share of each piece when a detection is split.", "D. 97"
     )
     min_piece_inside: float = fraction(
-        0.8, "Share of a geometric piece within a region without grasps.", "D. 97"
+        0.8, "Least share of a geometric piece inside a region without grasps.", "D. 97"
     )
     max_grasps_per_region: int = count(20, "Most grasps of a region, no two alike.", BY_EYE)
     min_score: float = fraction(0.0, "Score below which grasps are left out.", ROBOT)
     weak_below: float = fraction(
-        0.3, "Score below which grasps are kept, marked as not worth trying.", "D. 124"
+        0.3, "Score below which kept grasps are marked as not worth trying.", "D. 124"
     )
     limits: LimitsConfig = field(default_factory=LimitsConfig)
     sensor: SensorConfig = field(default_factory=SensorConfig)
@@ -100,21 +100,21 @@ class InferConfig:
 class WatchConfig:
     """Waiting times of `infer --watch`."""
 
-    poll: float = setting(0.1, "s", "Time between looks at the folder.", "D. 75", low=0.001)
+    poll: float = setting(0.1, "s", "Time between checks of the folder.", "D. 75", low=0.001)
     relist: float = setting(
-        2.0, "s", "Time until folders are listed that do not look changed.", "D. 75"
+        2.0, "s", "Time after which folders without visible changes are listed again.", "D. 75"
     )
     settle: float = setting(
-        0.3, "s", "Time without change after which a frame's files are whole.", "D. 75"
+        0.3, "s", "Time without change after which a frame's files are complete.", "D. 75"
     )
     patience: float = setting(
         5.0, "s", "Time without change after which an unreadable frame has failed.", "D. 75"
     )
     quiet: float = setting(
-        2.0, "s", "Time without a frame after which the output is put together.", "D. 75"
+        2.0, "s", "Time without a frame after which the output is assembled.", "D. 75"
     )
     timeout: float = setting(
-        inf, "s", "Time without a new frame after which to end; inf for never.", BY_EYE
+        inf, "s", "Time without a new frame after which watching ends; inf for never.", BY_EYE
     )
 
 
@@ -122,12 +122,12 @@ class WatchConfig:
 class InspectConfig:
     """Summary of a folder of frames."""
 
-    max_frames: int = count(100, "Most frames to read, evenly spread over what is found.", BY_EYE)
+    max_frames: int = count(100, "Most frames to read, evenly spread over the folder.", BY_EYE)
 
 
 @dataclass(frozen=True)
 class WorkspaceConfig:
-    """A workspace around what stands on a table."""
+    """A workspace around the objects on a table."""
 
     box: tuple[float, ...] = setting(
         (),
@@ -136,33 +136,31 @@ class WorkspaceConfig:
         ROBOT,
         low=-inf,
     )
-    box_frame: ReferenceFrame = choice(
-        "table", "Frame of a box that is given: camera or table.", ROBOT
-    )
+    box_frame: ReferenceFrame = choice("table", "Frame of a given box: camera or table.", ROBOT)
     margin: float = setting(0.05, "m", "Space around the regions.", BY_EYE)
-    max_frames: int = count(20, "Most frames to draw, the first ones.", BY_EYE)
+    max_frames: int = count(20, "Most frames to draw, from the first.", BY_EYE)
 
 
 @dataclass(frozen=True)
 class ConvertFramesConfig:
     """Frames of any layout as flat pairs."""
 
-    trust_pickle: bool = choice(False, "Take arrays out of pickles too; nothing else is.", "D. 53")
+    trust_pickle: bool = choice(False, "Read arrays from pickles too, and nothing else.", "D. 53")
 
 
 @dataclass(frozen=True)
 class DoctorConfig:
-    """Needs of a machine, and tolerances of its grasps against the expected ones."""
+    """Requirements on a machine, and tolerances between its grasps and the expected grasps."""
 
     min_free_memory: float = setting(2e9, "bytes", "Memory below which to warn.", "D. 64")
     min_free_disk: float = setting(1e9, "bytes", "Disk space below which to warn.", BY_EYE)
     max_product_error: float = fraction(
-        1e-4, "Error of a GPU's products, of the largest number.", BY_EYE
+        1e-4, "Largest error of a GPU's products, relative to the largest entry.", BY_EYE
     )
-    max_shift: float = setting(0.001, "m", "Shift of a grasp, and change of its width.", "D. 76")
-    max_turn: float = setting(0.035, "rad", "Turn of a grasp.", "D. 76")
+    max_shift: float = setting(0.001, "m", "Largest shift of a grasp or change of width.", "D. 76")
+    max_turn: float = setting(0.035, "rad", "Largest turn of a grasp.", "D. 76")
     min_agreeing: float = fraction(
-        0.85, "Share of the expected grasps that must be found.", "D. 76"
+        0.85, "Least share of the expected grasps that are found.", "D. 76"
     )
 
 
@@ -178,32 +176,32 @@ class ExportConfig:
     )
     gripper: str = choice(
         "",
-        "Gripper preset or TOML file whose base the poses are of, and that must open wide enough; "
-        "empty for the gripper that the grasps were found for.",
+        "Gripper preset or TOML file: gives the base of the poses and must open wide enough; "
+        "empty for the gripper that the grasps were planned for.",
         "D. 71",
     )
     min_score: float = fraction(0.0, "Score below which grasps are left out.", ROBOT)
     tcp: str = choice("", TCP, ROBOT)
     frame_id: str = choice(
         "",
-        "Name of the poses' frame in ros-json; empty for camera_color_optical_frame, or with "
-        "--camera-to-base the base that the file names, else base_link.",
+        "Frame name of the poses in ros-json; empty for camera_color_optical_frame, or with "
+        "--camera-to-base for the base frame that the file names, else base_link.",
         ROBOT,
     )
 
 
 @dataclass(frozen=True)
 class GripperConfig:
-    """Measures that a gripper's URDF does not hold."""
+    """Dimensions that a gripper's URDF does not contain."""
 
     base_link: str = choice(
         "",
-        "Link whose origin is the mounting face; empty for the one the fingers slide on.",
+        "Link whose origin is the mounting face; empty for the link the fingers slide on.",
         BY_EYE,
     )
-    tip_reach: float = setting(0.005, "m", "Way by which the tips pass the contacts.", BY_EYE)
+    tip_reach: float = setting(0.005, "m", "Distance of the tips past the contacts.", BY_EYE)
     clearance: float = setting(
-        0.006, "m", "Free space of each open finger to its contact.", "D. 54"
+        0.006, "m", "Finger clearance: from a contact to its open finger.", "D. 54"
     )
 
 
@@ -211,16 +209,16 @@ class GripperConfig:
 class ServeConfig:
     """Grasps over HTTP."""
 
-    host: str = choice("127.0.0.1", "Address to listen on; by default this machine alone.", BY_EYE)
+    host: str = choice("127.0.0.1", "Address to listen on; default: this machine only.", BY_EYE)
     port: int = count(8765, "Port to listen on.", BY_EYE, low=0, high=65535)
-    parallel: int = count(4, "Frames worked on at a time, a core each.", BY_EYE, high=256)
+    parallel: int = count(4, "Frames processed at a time, one core each.", BY_EYE, high=256)
     max_waiting: int = count(
-        32, "Posts being read, waiting or worked on; more are refused.", BY_EYE
+        32, "Posts being read, waiting or processed; further posts are refused.", BY_EYE
     )
     max_bytes: int = setting(64_000_000, "bytes", "Largest post.", BY_EYE, low=1000)
     max_pixels: int = setting(12_000_000, "px", "Largest image of a post.", BY_EYE, low=1)
     grace: int = setting(
-        8, "s", "Time for frames that are begun, once the server is to end.", BY_EYE
+        8, "s", "Time for begun frames to finish when the server shuts down.", BY_EYE
     )
     min_score: float = fraction(0.0, "Score below which grasps are left out.", ROBOT)
     tcp: str = choice("", TCP, ROBOT)
@@ -228,18 +226,18 @@ class ServeConfig:
 
 @dataclass(frozen=True)
 class ViewConfig:
-    """Frames as pages to turn around in a browser."""
+    """Frames as interactive 3D pages for a browser."""
 
     gripper: str = choice("", GRIPPER_USED, "D. 71")
     max_pixels: int = setting(
         410_000,
         "px",
-        "Points of a page, some 10 bytes each; larger frames are thinned.",
+        "Most points of a page, some 10 bytes each; larger frames are thinned.",
         "D. 72",
         low=1000,
         high=700_000,
     )
     max_grasps: int = count(
-        4000, "Grasps of a page, the best of each region first; 300 bytes each.", BY_EYE
+        4000, "Most grasps of a page, the best of each region first; 300 bytes each.", BY_EYE
     )
     picture_width: int = setting(320, "px", "Width of the index's pictures.", BY_EYE, low=16)

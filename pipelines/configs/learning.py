@@ -15,10 +15,12 @@ PIFTVariant = Literal["spread", "convolution"]
 LossVariant = Literal["balanced", "paper"]
 ExistenceTarget = Literal["listed", "right"]
 
-MICRO_BATCH_MEANING = "Items of a batch worked on together, gradients summed; 0 suits the device."
+MICRO_BATCH_MEANING = (
+    "Items of a batch processed together, gradients summed; 0 adapts to the device."
+)
 DECAY = "Factor of the learning rate every `decay_epochs` epochs."
 EMA_DECAY = "Share of the running mean of the weights that a step keeps; 0 for no mean."
-VAL_FRACTION = "Share of the scenes to validate on."
+VAL_FRACTION = "Share of the scenes for validation."
 
 
 @dataclass(frozen=True)
@@ -26,26 +28,24 @@ class DetectorConfig:
     """Mask R-CNN with an FPN (Sec. III-D)."""
 
     variant: DetectorVariant = choice(
-        "light", "Backbone: light, or resnet50 as the paper.", "D. 19"
+        "light", "Backbone: light, or resnet50 as in the paper.", "D. 19"
     )
     input: DetectorInput = choice(
         "geometry", "Channels: geometry (normals and height), color, or both.", "D. 19"
     )
-    min_size: int = setting(
-        288, "px", "Shorter side of the images that it is trained on.", "D. 84", low=32
-    )
-    max_size: int = setting(512, "px", "Longer side of these images.", "D. 84", low=32)
+    min_size: int = setting(288, "px", "Shorter side of the training images.", "D. 84", low=32)
+    max_size: int = setting(512, "px", "Longer side of the training images.", "D. 84", low=32)
     enlarged: float = setting(
-        1.33, "factor", "Size of images in use, by that in training.", "D. 84", low=0.1, high=10.0
+        1.33, "factor", "Image size in use, relative to training.", "D. 84", low=0.1, high=10.0
     )
     max_detections: int = count(40, "Most detections of a frame.", BY_EYE)
     candidate_confidence: float = fraction(
-        0.05, "Confidence below which regions are not even drawn.", BY_EYE
+        0.05, "Confidence below which no mask is predicted.", BY_EYE
     )
     min_confidence: float = fraction(0.5, "Least confidence of a detection.", "D. 84")
     mask_threshold: float = fraction(0.5, "Least probability of a mask's pixel.", "torchvision")
     nms_threshold: float = fraction(
-        0.5, "Overlap of boxes beyond which the weaker is dropped.", "torchvision"
+        0.5, "Overlap of boxes beyond which the less confident box is dropped.", "torchvision"
     )
 
 
@@ -73,20 +73,22 @@ class FinetuneDetectorConfig:
 class NetworkConfig:
     """PointNet++ with PIFT (Sec. III-E, III-G)."""
 
-    input_frame: ReferenceFrame = choice("table", "Axes that it sees a region in.", "D. 69")
+    input_frame: ReferenceFrame = choice("table", "Axes of the input points.", "D. 69")
     sees_camera: bool = choice(
-        False, "Show it the direction to the camera at each point.", "D. 140"
+        False, "Add the direction to the camera at each point to the input.", "D. 140"
     )
-    num_points: int = count(1500, "Points of a region.", "Sec. III-G")
+    num_points: int = count(1500, "Input points of a region.", "Sec. III-G")
     feature_dim: int = count(128, "Features of a point.", BY_EYE)
     set_points: tuple[int, int, int, int] = count(
         (384, 128, 32, 8), "Points of each set abstraction level.", BY_EYE
     )
     set_neighbors: tuple[int, int, int, int] = count(
-        (16, 16, 16, 32), "Neighbours of each level; at the last all.", "D. 25"
+        (16, 16, 16, 32), "Neighbours at each level; all points at the last.", "D. 25"
     )
     set_strides: tuple[int, int, int, int] = count(
-        (3, 1, 1, 1), "Each level seeks neighbours among every n-th point.", "D. 25"
+        (3, 1, 1, 1),
+        "Neighbour stride n of each level: neighbours are among every n-th point.",
+        "D. 25",
     )
     use_pift: bool = choice(True, "Deform points before aggregation (Eq. 3).", "Sec. III-E")
     pift: PIFTVariant = choice(
@@ -95,50 +97,52 @@ class NetworkConfig:
         "D. 96",
     )
     canonical_frame: bool = choice(
-        True, "See points, and predict symmetries, in PIFT's frame.", "D. 83, D. 95"
+        True,
+        "Use the canonical frame of PIFT for input points and symmetries.",
+        "D. 83, D. 95",
     )
 
 
 @dataclass(frozen=True)
 class AugmentationConfig:
-    """Random views of a region's cloud while training (Sec. III-E)."""
+    """Random changes of a region's cloud in training (Sec. III-E)."""
 
     turn_deg: float = setting(
-        25.0, "deg", "Standard deviation of turns about the axis that is up, or the view.", BY_EYE
+        25.0, "deg", "Standard deviation of turns about the up axis, or the view axis.", BY_EYE
     )
-    tilt_deg: float = setting(3.0, "deg", "Standard deviation of turns about the others.", BY_EYE)
+    tilt_deg: float = setting(3.0, "deg", "Standard deviation of turns about other axes.", BY_EYE)
     lost_table: float = fraction(
-        0.1, "Share of the regions that are seen as if no table were known.", "D. 69"
+        0.1, "Share of the regions that are used as if no table were known.", "D. 69"
     )
     scale: float = fraction(0.15, "Largest uniform scaling.", BY_EYE)
-    mirrored: float = fraction(0.5, "Share of the regions that are mirrored.", BY_EYE)
+    mirrored: float = fraction(0.5, "Share of regions that are mirrored.", BY_EYE)
     jitter: float = setting(0.0005, "m", "Standard deviation of each coordinate's noise.", BY_EYE)
     principal_scale: float = setting(
-        1.4, "factor", "Largest scaling, or its inverse, of the Siamese copy.", BY_EYE, low=1.0
+        1.4, "factor", "Largest scale factor, or its inverse, of the Siamese copy.", BY_EYE, low=1.0
     )
 
 
 @dataclass(frozen=True)
 class EndlessConfig:
-    """Regions rendered while training."""
+    """Regions rendered during training."""
 
     share: float = fraction(
-        0.0, "Share of a batch that is rendered; beside packed regions 0 stands for 0.5.", "D. 59"
+        0.0, "Rendered share of a batch; with packed regions, 0 stands for 0.5.", "D. 59"
     )
-    epoch_regions: int = count(20_000, "Regions that make an epoch where all are rendered.", BY_EYE)
+    epoch_regions: int = count(20_000, "Regions of an epoch if all are rendered.", BY_EYE)
     views: int = count(4, "Views of a scene.", "D. 59")
     regions_per_scene: int = count(20, "Regions drawn of a scene.", BY_EYE)
-    scenes_together: int = count(16, "Scenes whose regions are shuffled among each other.", BY_EYE)
+    scenes_together: int = count(16, "Scenes whose regions are shuffled together.", BY_EYE)
     min_objects: int = count(4, "Fewest objects of a scene.", BY_EYE)
     max_objects: int = count(9, "Most objects of a scene.", BY_EYE)
     width: int = setting(640, "px", "Width of the images.", BY_EYE, low=1)
     height: int = setting(480, "px", "Height of the images.", BY_EYE, low=1)
     perfect_share: float = fraction(0.1, "Share of the views without sensor noise.", BY_EYE)
     occluders: float = fraction(
-        0.25, "Share of the views with an object held before the others.", "D. 59"
+        0.25, "Share of the views with an object in front of the others.", "D. 59"
     )
     mask_leaks: float = fraction(
-        0.15, "Share of the masks that take in a part of a neighbour.", BY_EYE
+        0.15, "Share of the masks that include a part of a neighbour.", BY_EYE
     )
     mask_cuts: float = fraction(0.1, "Share of the masks that are cut off.", BY_EYE)
     pack: PackConfig = field(default_factory=PackConfig)
@@ -160,7 +164,7 @@ class TrainConfig:
     )
     epochs: int = count(40, "Passes over the regions.", BY_EYE)
     weight_feature: float = setting(
-        8.0, "weight", "w^f; the paper has 1, for another L^f.", "D. 96"
+        8.0, "weight", "w^f; the paper has 1, with another L^f.", "D. 96"
     )
     weight_affordance: float = setting(1.0, "weight", "w^a.", "Sec. III-G")
     weight_symmetry: float = setting(5.0, "weight", "w^s.", "Sec. III-G")
@@ -173,13 +177,15 @@ class TrainConfig:
     )
     existence: ExistenceTarget = choice(
         "listed",
-        "Existence is that a symmetry is listed, or that the predicted one is right as well.",
+        "Target of existence: listed, the symmetry is labelled; right, also predicted right.",
         "D. 140",
     )
     use_siamese: bool = choice(
-        True, "Ask for the same features in a scaled copy (Fig. 3).", "Sec. III-E"
+        True,
+        "Train with Siamese consistency: same features in a scaled copy (Fig. 3).",
+        "Sec. III-E",
     )
-    num_loss_points: int = count(384, "Points of a region that the loss is taken at.", "D. 113")
+    num_loss_points: int = count(384, "Points of a region for the loss.", "D. 113")
     micro_batch_size: int = count(0, MICRO_BATCH_MEANING, "D. 58", low=0)
     ema_decay: float = fraction(0.998, EMA_DECAY, "D. 113")
     augmentation: AugmentationConfig = field(default_factory=AugmentationConfig)
@@ -192,20 +198,23 @@ class TrainCriticConfig:
     """Training of the critics of axes, planes and grasps."""
 
     frame_stride: int = count(1, "Take every n-th frame of a scene.", BY_EYE)
-    max_grasps: int = count(64, "Most grasps of a region and pass.", "D. 82")
+    max_grasps: int = count(64, "Most grasps of a region in each pass.", "D. 82")
     epochs: int = count(12, "Passes over the candidates.", BY_EYE)
-    batch_size: int = count(256, "Candidates in a step, about.", BY_EYE)
+    batch_size: int = count(256, "Approximate number of candidates in a step.", BY_EYE)
     learning_rate: float = setting(0.002, "factor", "Learning rate of Adam, at first.", BY_EYE)
     decay: float = fraction(0.9, DECAY, BY_EYE)
     decay_epochs: float = count(
         0.3, "Epochs after which the learning rate drops by a tenth.", BY_EYE, low=0.01
     )
     ema_decay: float = fraction(0.998, EMA_DECAY, BY_EYE)
-    point_share: float = fraction(0.75, "Share of a candidate's points that a step sees.", BY_EYE)
-    jitter: float = setting(0.01, "factor", "Noise of points, in the features' unit.", BY_EYE)
-    dropout: float = fraction(0.2, "Share of hidden numbers that are dropped.", BY_EYE)
+    point_share: float = fraction(0.75, "Share of a candidate's points in a step.", BY_EYE)
+    jitter: float = setting(0.01, "factor", "Noise of points, in the unit of the features.", BY_EYE)
+    dropout: float = fraction(0.2, "Share of hidden units that are dropped.", BY_EYE)
     weight_choice: float = setting(
-        1.0, "weight", "Loss of the choice among a region's grasps, by that of each.", "D. 86"
+        1.0,
+        "weight",
+        "Loss weight of the choice among a region's grasps, relative to single grasps.",
+        "D. 86",
     )
     infer: InferConfig = field(default_factory=InferConfig)
     evaluate: EvaluateConfig = field(default_factory=EvaluateConfig)

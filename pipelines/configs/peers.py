@@ -8,7 +8,7 @@ from pipelines.configs.learning import DECAY, EMA_DECAY, MICRO_BATCH_MEANING, VA
 
 Variant = Literal["light", "full"]
 
-OWN = "0 for the method's own."
+OWN = "0 for the method's default."
 
 
 @dataclass(frozen=True)
@@ -16,20 +16,20 @@ class PeerNetworkConfig:
     """The network of a compared method."""
 
     variant: Variant = choice(
-        "light", "Network: light, for a CPU, or full, the larger one that is published.", "D. 133"
+        "light", "Network: light, for a CPU, or full, the larger published network.", "D. 133"
     )
 
 
 @dataclass(frozen=True)
 class PeerSchedule:
-    """The training that suits one method, where the settings of `train-baseline` say 0.
+    """Default schedule of one method, for settings of `train-baseline` that are 0.
 
     Attributes:
-        steps: of Adam.
+        steps: steps of Adam.
         epoch_steps: steps between validations.
         batch_size: items in a step.
-        learning_rate: at first.
-        decay_steps: after which the learning rate falls.
+        learning_rate: initial learning rate.
+        decay_steps: steps after which the learning rate falls.
     """
 
     steps: int
@@ -61,13 +61,13 @@ class TrainBaselineConfig:
     val_fraction: float = setting(0.1, "share", VAL_FRACTION, BY_EYE)
 
     def with_schedule(self, schedule: PeerSchedule) -> "TrainBaselineConfig":
-        """Return the settings with what `schedule` says where they say 0."""
+        """Return the settings with each 0 replaced by the value of `schedule`."""
         own = {name: value for name, value in vars(schedule).items() if not getattr(self, name)}
         return replace(self, **own)
 
     @property
     def epochs(self) -> int:
-        """Validations in `steps`, a begun one included."""
+        """Number of validations in `steps`, rounded up."""
         return -(-self.steps // self.epoch_steps)
 
     @property

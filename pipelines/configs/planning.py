@@ -15,13 +15,13 @@ ROBOT = "user's robot"
 
 @dataclass(frozen=True)
 class SensorConfig:
-    """Errors of the depth camera, where a point known by symmetry is checked against the image."""
+    """Depth errors that are allowed when counterparts are checked against the depth image."""
 
     behind_tolerance: float = setting(
-        0.005, "m", "Distance that a counterpart may float before the seen surface.", "D. 6"
+        0.005, "m", "Largest distance of a counterpart in front of the seen surface.", "D. 6"
     )
     depth_noise: float = setting(
-        0.003, "m", "Noise of depth at one metre; it grows with the square of depth.", "D. 6"
+        0.003, "m", "Depth noise at one metre; grows with the square of depth.", "D. 6"
     )
 
 
@@ -41,18 +41,18 @@ class SymmetryConfig:
         0.5, "Least existence of a symmetry that is not fitted.", "D. 4"
     )
     min_confidence: float = fraction(
-        0.2, "Least confidence of a fitted symmetry that grasps rest on.", "D. 66, D. 85"
+        0.2, "Least confidence of a fitted symmetry for grasps across it.", "D. 66, D. 85"
     )
     min_completion_confidence: float = fraction(
         0.5, "Least confidence of a symmetry that completes the unseen side.", "D. 32"
     )
     min_neighbour_confidence: float = fraction(
-        0.3, "The same of a neighbour's, whose completed side is an obstacle.", "D. 85"
+        0.3, "Least confidence for neighbours, whose completion is an obstacle.", "D. 85"
     )
 
     @property
     def least_confidence(self) -> float:
-        """Confidence above which a symmetry is grasped across before all other grasps."""
+        """Confidence of a symmetry above which grasps across it come before all others."""
         return self.min_confidence if self.is_fitted else self.min_existence
 
 
@@ -61,11 +61,11 @@ class CandidateConfig:
     """Contact pairs of a region and the approaches to try at each (Sec. III-E, III-F)."""
 
     min_affordance: float = fraction(
-        0.5, "Least affordance of a point that a grasp is planned from.", "Sec. III-F"
+        0.5, "Least affordance of the first contact of a grasp.", "Sec. III-F"
     )
-    max_pairs: int = count(256, "Contact pairs tried in a region.", "D. 85")
+    max_pairs: int = count(256, "Most contact pairs tried in a region.", "D. 85")
     pair_spacing: float = setting(
-        0.006, "m", "Least distance between the first contacts of pairs that are tried.", "D. 85"
+        0.006, "m", "Least distance between the first contacts of tried pairs.", "D. 85"
     )
     num_approach_angles: int = count(
         12, "Approach directions tried about a contact line, M of Sec. III-F.", BY_EYE
@@ -84,10 +84,12 @@ class FeasibilityConfig:
         0.004, "m", "Least distance between finger tips and table.", BY_EYE
     )
     keeps_off_plane: bool = choice(
-        True, "Keep the gripper above the support plane, where it is seen and where not.", BY_EYE
+        True, "Keep the gripper above the support plane, also where it is unseen.", BY_EYE
     )
     keeps_within_image: bool = choice(
-        True, "Keep off the space beyond the image where its border cuts the region off.", "D. 109"
+        True,
+        "Keep the gripper out of the space beyond an image border that cuts the region.",
+        "D. 109",
     )
     max_approach_angle: float = setting(
         1.75, "rad", "Largest angle between approach and the table's inward normal.", BY_EYE
@@ -96,16 +98,16 @@ class FeasibilityConfig:
         1.05, "rad", "Largest angle between approach and view ray where no table is seen.", BY_EYE
     )
     max_hidden_angle: float = setting(
-        1.92, "rad", "The same over a table: no approach from behind what is seen.", BY_EYE
+        1.92, "rad", "Same angle over a table: no approach from behind the seen surface.", BY_EYE
     )
     scene_resolution: float = setting(
-        0.003, "m", "Spacing that the scene is thinned to for collisions.", BY_EYE, low=1e-4
+        0.003, "m", "Point spacing of the scene in collision checks.", BY_EYE, low=1e-4
     )
     body_margin: float = setting(
-        0.001, "m", "Distance that the gripper's bodies are enlarged by.", "D. 101"
+        0.001, "m", "Distance by which the gripper's bodies are enlarged.", "D. 101"
     )
     max_points_inside: int = count(
-        2, "Measured points that a body may hold, as noise.", "D. 87", low=0
+        2, "Most measured points inside a body, as noise.", "D. 87", low=0
     )
     approach_distance: float = setting(
         0.10, "m", "Length of the approach path that must be free.", "D. 77"
@@ -113,15 +115,17 @@ class FeasibilityConfig:
     opening_margins: tuple[float, ...] = setting(
         (0.008, 0.004), "m", "Opening margins to try, the largest first.", "D. 92"
     )
-    opening_margin_share: float = fraction(0.25, "Largest opening margin, of the width.", "D. 102")
+    opening_margin_share: float = fraction(
+        0.25, "Largest opening margin, as a share of the width.", "D. 102"
+    )
 
 
 @dataclass(frozen=True)
 class RankingConfig:
-    """Order of feasible grasps, and when other kinds of grasps are tried (Sec. III-F)."""
+    """Order of feasible grasps, and conditions to try other kinds of grasps (Sec. III-F)."""
 
     by: RankingMethod = choice(
-        "critic", "Order of grasps: critic, by expected quality; eq8, as the paper.", "D. 82"
+        "critic", "Order of grasps: critic, by expected quality; eq8, as in the paper.", "D. 82"
     )
     clearance_cap: float = setting(
         0.05, "m", "Largest clearance b that counts in Eq. 8.", "D. 7", low=1e-4
@@ -132,28 +136,28 @@ class RankingConfig:
     weight_clearance: float = setting(1.0, "weight", "w^b of Eq. 8.", "Sec. III-G")
     weight_height: float = setting(5.0, "weight", "w^h of Eq. 8.", "Sec. III-G")
     weight_unseen: float = fraction(
-        0.9, "Share of Eq. 8 lost where the finger tips' space is all unseen.", "D. 68"
+        0.9, "Share of Eq. 8 lost if the space around the finger tips is unseen.", "D. 68"
     )
     max_ranked: int = count(
-        96, "Grasps of a region and pass that are ranked, the most stable.", "D. 82"
+        96, "Most grasps ranked in a region and pass, the most stable first.", "D. 82"
     )
     min_stability: float = fraction(
-        0.85, "Least stability for Eq. 8, of the best candidate's.", "D. 28"
+        0.85, "Least stability for Eq. 8, relative to the best candidate.", "D. 28"
     )
     critic_min_stability: float = fraction(
-        0.6, "Least stability for the grasp critic, of the best candidate's.", "D. 82"
+        0.6, "Least stability for the grasp critic, relative to the best candidate.", "D. 82"
     )
     half_torque_arm: float = setting(
-        0.09, "m", "Lever of the weight that halves a score.", "D. 143", low=1e-3
+        0.09, "m", "Lever arm of the weight that halves a score.", "D. 143", low=1e-3
     )
     nms_distance: float = setting(
-        0.03, "m", "Distance below which grasps of a region are alike, as GraspNet's.", "D. 78"
+        0.03, "m", "Distance below which grasps of a region are alike, as in GraspNet.", "D. 78"
     )
     nms_angle: float = setting(
-        pi / 6, "rad", "Angle below which grasps of a region are alike, as GraspNet's.", "D. 78"
+        pi / 6, "rad", "Angle below which grasps of a region are alike, as in GraspNet.", "D. 78"
     )
     sufficient: float = fraction(
-        0.6, "Expected quality from which no other kind of grasps is tried.", "D. 82"
+        0.6, "Expected quality from which no other kind of grasp is tried.", "D. 82"
     )
 
     @property
@@ -174,7 +178,7 @@ class SelectionConfig:
 
 @dataclass(frozen=True)
 class LimitsConfig:
-    """Limits of a robot: where it may grasp, and from which directions; by default all."""
+    """Limits of a robot: workspace and approach directions; by default none."""
 
     box: tuple[float, ...] = setting(
         (), "m", "Corners x0,y0,z0,x1,y1,z1 of the workspace; empty for none.", ROBOT, low=-inf
@@ -183,12 +187,12 @@ class LimitsConfig:
         "camera", "Frame of the box; table: z up from it, its origin nearest to the camera.", ROBOT
     )
     approach_cone: float = setting(
-        180.0, "deg", "Largest angle between approach and approach direction.", ROBOT
+        180.0, "deg", "Largest angle between approach axis and approach direction.", ROBOT
     )
     approach_direction: tuple[float, float, float] = setting(
         (0.0, 0.0, -1.0),
         "direction",
-        "Axis x,y,z of that cone, towards the object.",
+        "Approach direction x,y,z, the cone's axis, towards the object.",
         ROBOT,
         low=-inf,
     )

@@ -1,4 +1,4 @@
-"""Names that settings had in earlier versions, so that files written by these are still read."""
+"""Setting names of earlier versions, so that files of these versions can be read."""
 
 from dataclasses import fields
 
@@ -9,7 +9,7 @@ from pipelines.configs.planning import (
     SymmetryConfig,
 )
 
-# Settings of `selection` that were no group's before.
+# Settings of `selection` that had no group in earlier versions.
 GROUPED = {
     f"selection.{each.name}": f"selection.{group}.{each.name}"
     for group, kind in (
@@ -20,7 +20,7 @@ GROUPED = {
     )
     for each in fields(kind)
 }
-# By the config's class: dotted name of before -> of now.
+# By the config's class: earlier dotted name -> current dotted name.
 RENAMED: dict[str, dict[str, str]] = {
     "EvaluateDumpConfig": {"max_width": "clip_width"},
     "ScoreGraspsConfig": {"max_width": "clip_width"},
@@ -41,7 +41,7 @@ RENAMED: dict[str, dict[str, str]] = {
     },
 }
 NO_EFFECT = "a leave-one-out showed no effect"
-# Settings that are no more, with the reason: files of before may name them.
+# Removed settings with the reason; files of earlier versions may name them.
 REMOVED: dict[str, dict[str, str]] = {
     "InferConfig": {
         "selection.weak_affordance": NO_EFFECT,
@@ -52,9 +52,9 @@ REMOVED: dict[str, dict[str, str]] = {
         "selection.symmetry.min_doubtful_confidence": NO_EFFECT,
     }
 }
-# Settings that weights of before need not name: these networks were made with the default.
+# Settings that weights of earlier versions lack: their networks have the default.
 NOT_NAMED_BEFORE: dict[str, frozenset[str]] = {"NetworkConfig": frozenset({"pift", "sees_camera"})}
-# Values of before -> of now, by the name of now.
+# Earlier values -> current values, by the current name of the setting.
 RENAMED_VALUES: dict[str, dict[str, dict[str, str]]] = {
     "InferConfig": {"selection.ranking.by": {"judge": "critic"}}
 }

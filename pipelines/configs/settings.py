@@ -1,4 +1,4 @@
-"""Settings of a config by dotted name: listed, changed, and read from the tables of a file."""
+"""Settings of a config by dotted name: list, change, and read from the tables of a file."""
 
 import difflib
 import logging
@@ -14,7 +14,7 @@ from pipelines.errors import SettingError, UnknownNameError
 log = logging.getLogger(__name__)
 
 Config = TypeVar("Config")
-MAX_DEPTH = 8  # tables within tables; configs have four
+MAX_DEPTH = 8  # nested tables; configs have four
 UNDECLARED = Declaration("", "", "", float("-inf"), float("inf"))
 
 
@@ -23,29 +23,29 @@ class Setting:
     """One setting of a config."""
 
     name: str  # dotted, as `selection.ranking.by`
-    value: Any  # the config's
-    default: Any  # the value if nobody changes it
+    value: Any  # in the config
+    default: Any  # value without changes
     declared: Any  # its type
     declaration: Declaration  # unit, meaning, origin and range
 
     @property
     def choices(self) -> tuple[str, ...]:
-        """Names it may have; empty if it is no choice of names."""
+        """Allowed names; empty if the setting is not a choice of names."""
         return choices_of(self.declared)
 
     @property
     def expected(self) -> str:
-        """What it takes, in words."""
+        """Accepted values, in words."""
         return expectation(self.declared, self.declaration)
 
 
 def settings_of(config: Any) -> tuple[Setting, ...]:  # noqa: ANN401 - any config
-    """Return all settings of `config`, those of its tables behind its own."""
+    """Return all settings of `config`, then those of its nested tables."""
     return tuple(_listed(config, type(config)(), ""))
 
 
 def from_settings(kind: type[Config], settings: Mapping[str, Any], where: str = "") -> Config:
-    """Return the config that a file holds as tables; what the file leaves out has its default.
+    """Return the config given by the tables of a file; missing settings have their defaults.
 
     Raises:
         UnknownNameError, SettingError: see `changed`.
@@ -56,19 +56,19 @@ def from_settings(kind: type[Config], settings: Mapping[str, Any], where: str = 
 def changed(
     config: Config, settings: Mapping[str, Any], where: str = "", option: str | None = None
 ) -> Config:
-    """Return `config` with other values, given as tables or by dotted names.
+    """Return `config` with changed values, given as tables or by dotted names.
 
-    Names of earlier versions are taken for those of now.
+    Names of earlier versions are accepted.
 
     Args:
-        config: what the values are put into.
+        config: the config to change.
         settings: the values.
-        where: what errors begin with: the file that the values are from.
-        option: what errors call the setting; by default by its name.
+        where: start of error messages: the file that contains the values.
+        option: name of the setting in error messages; by default its dotted name.
 
     Raises:
-        UnknownNameError: there is no such setting, or no such choice.
-        SettingError: a value of another type, or outside of the setting's range.
+        UnknownNameError: the setting or the choice is unknown.
+        SettingError: a value has the wrong type or is outside of the setting's range.
     """
     for name, value in _flat(settings):
         if name in _before(REMOVED, config):
@@ -94,7 +94,7 @@ def changed_by_text(
 
 
 def check_settings(config: Any) -> None:  # noqa: ANN401 - any config
-    """Raise UnknownNameError or SettingError if a value is not what its setting declares."""
+    """Raise UnknownNameError or SettingError if a value does not fit its declaration."""
     for each in settings_of(config):
         fitted(each.value, each.declared, each.name, each.declaration)
 
@@ -119,7 +119,7 @@ def _listed(config: Any, default: Any, prefix: str) -> Iterator[Setting]:  # noq
 
 
 def _flat(settings: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield the dotted name and value of everything in `settings`, in its order."""
+    """Yield the dotted name and value of each setting in `settings`, in order."""
     todo = [(str(name), value, 1) for name, value in reversed(list(settings.items()))]
     while todo:
         name, value, depth = todo.pop()
@@ -135,14 +135,14 @@ def _flat(settings: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
 
 
 def _before(table: Mapping[str, Mapping[str, Any]], config: object) -> Mapping[str, Any]:
-    """Return the entry of `table` for the class of `config`, or for the config it extends."""
+    """Return the entry of `table` for the class of `config`, or for its base class."""
     kinds = [kind.__name__ for kind in type(config).__mro__]
     return next((table[kind] for kind in kinds if kind in table), {})
 
 
 @dataclass(frozen=True)
 class _Change:
-    """Change of the setting `name` of `root`; `shown` is what errors call it, after `where`."""
+    """Change of the setting `name` of `root`; error messages call it `shown`, after `where`."""
 
     root: Any
     name: str
@@ -166,7 +166,7 @@ class _Change:
         return replace(table, **{head: fitted(value, types[head], self.shown, declaration)})
 
     def _unknown(self, table: Any) -> UnknownNameError:  # noqa: ANN401 - a config
-        """Return the error of a setting that `table` lacks, with the nearest name of all `root`."""
+        """Return the error for a setting that `table` lacks, with the nearest name in `root`."""
         everywhere = [each.name for each in settings_of(self.root)]
         last = self.name.rsplit(".", maxsplit=1)[-1]
         nearest = [name for name in everywhere if name.rsplit(".", maxsplit=1)[-1] == last]

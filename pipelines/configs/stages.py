@@ -18,9 +18,9 @@ Config = TypeVar("Config")
 
 @dataclass(frozen=True)
 class InferSettings(InferConfig):
-    """Frames in, grasps out."""
+    """Detection of grasps in frames."""
 
-    watch: WatchConfig = field(default_factory=WatchConfig)  # no part of a stamp
+    watch: WatchConfig = field(default_factory=WatchConfig)  # not in the stamp
 
 
 @dataclass(frozen=True)
@@ -65,10 +65,10 @@ STAGE_SETTINGS: dict[str, type] = {
 
 
 def default_settings(stage: str) -> Any:  # noqa: ANN401 - a config
-    """Return the settings of a stage as they are if nobody changes them.
+    """Return the default settings of a stage.
 
     Raises:
-        UnknownNameError: there is no such stage.
+        UnknownNameError: the stage is unknown.
     """
     if stage not in STAGE_SETTINGS:
         raise UnknownNameError("stage", stage, STAGE_SETTINGS)
@@ -76,6 +76,6 @@ def default_settings(stage: str) -> Any:  # noqa: ANN401 - a config
 
 
 def part(kind: type[Config], settings: Any) -> Config:  # noqa: ANN401 - a subclass of `kind`
-    """Return of `settings` what the config `kind` holds."""
+    """Return the part of `settings` that belongs to the config `kind`."""
     names = [each.name for each in fields(kind)]  # type: ignore[arg-type]  # a dataclass
     return kind(**{name: getattr(settings, name) for name in names})

@@ -1,4 +1,4 @@
-"""Settings files: TOML that is read within bounds, and written with unit, meaning and origin."""
+"""Settings files: TOML, read within size limits, written with unit, meaning and origin."""
 
 import json
 import textwrap
@@ -13,17 +13,17 @@ from pipelines.contents import is_deep, reason
 from pipelines.errors import FormatError, MissingInputError
 
 MAX_BYTES = 2**20
-MAX_LEVELS = 20  # tables and lists within each other; configs have four
-WIDTH = 100  # characters of a line of comment
+MAX_LEVELS = 20  # nested tables and lists; configs have four
+WIDTH = 100  # characters of a comment line
 AS_TOML = "settings as `symgrasp config STAGE` prints them are expected"
 
 
 def read_toml(path: Path, expected: str = AS_TOML) -> dict[str, Any]:
-    """Return the tables of a TOML file; errors end with what is `expected`.
+    """Return the tables of a TOML file; error messages end with `expected`.
 
     Raises:
-        MissingInputError: there is no such file.
-        FormatError: it is too large, nests too deep, or is no TOML.
+        MissingInputError: the file does not exist.
+        FormatError: the file is too large, nested too deep, or not TOML.
     """
     if not path.is_file():
         raise MissingInputError(path, "symgrasp config STAGE")
@@ -44,7 +44,7 @@ def read_toml(path: Path, expected: str = AS_TOML) -> dict[str, Any]:
 
 
 def as_toml(config: Any, title: str) -> str:  # noqa: ANN401 - any config
-    """Return settings as TOML with a comment for each: meaning, unit, what it takes, origin.
+    """Return settings as TOML with a comment for each: meaning, unit, accepted values, origin.
 
     `title` is the first comment.
     """
@@ -68,14 +68,14 @@ def _table(config: Any, name: str) -> Iterator[str]:  # noqa: ANN401 - any confi
 
 
 def described(each: Setting) -> str:
-    """Return meaning, unit, what is accepted, default and origin of a setting in one line."""
+    """Return meaning, unit, accepted values, origin and default of a setting in one line."""
     declaration = each.declaration
     default = "" if each.value == each.default else f" Default {toml_value(each.default)}."
     return f"{declaration.meaning} ({each.expected}; {declaration.origin}){default}"
 
 
 def toml_value(value: object) -> str:
-    """Return a switch, number, text or tuple of these as TOML writes it."""
+    """Return a switch, number, text or tuple of these in TOML syntax."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, tuple):

@@ -1,4 +1,4 @@
-"""Values of settings: checked against their declared type and range, and read from text."""
+"""Values of settings: checks against declared type and range, and reading from text."""
 
 import math
 import re
@@ -13,17 +13,17 @@ NAMES_OF_TYPES = {bool: "true or false", int: "a whole number", float: "a number
 
 
 def fitted(value: object, declared: Any, name: str, declaration: Declaration) -> Any:  # noqa: ANN401
-    """Return `value` as the type that is declared: lists become tuples, whole numbers floats.
+    """Return `value` in its declared type: lists become tuples, whole numbers floats.
 
     Args:
-        value: of a file, an option or a program.
+        value: value from a file, an option or a program.
         declared: bool, int, float, str, a `Literal`, or a tuple of one of these.
-        name: of the setting, for the sentence.
-        declaration: the range of numbers.
+        name: name of the setting, for error messages.
+        declaration: unit and range.
 
     Raises:
-        UnknownNameError: a `Literal` lists no such name.
-        SettingError: another type, or outside of the range.
+        UnknownNameError: the `Literal` does not list the name.
+        SettingError: the type is wrong, or a number is outside of the range.
     """
     if get_origin(declared) is tuple:
         return _fitted_tuple(value, declared, name, declaration)
@@ -56,10 +56,10 @@ def _fitted_tuple(
 
 
 def read_text_value(text: str, declared: Any) -> object:  # noqa: ANN401 - a type
-    """Return the value that `text` of a command line means, as `fitted` takes it.
+    """Return the value of `text` from a command line, as input of `fitted`.
 
-    Tuples are written with commas or spaces, in brackets or without. Text that is no number stays
-    text, which `fitted` refuses by name.
+    Tuples have commas or spaces, with or without brackets. Text that is no number stays text,
+    which `fitted` rejects.
     """
     text = text.strip()
     if get_origin(declared) is tuple:
@@ -78,14 +78,14 @@ def read_text_value(text: str, declared: Any) -> object:  # noqa: ANN401 - a typ
 
 
 def choices_of(declared: Any) -> tuple[str, ...]:  # noqa: ANN401 - a type
-    """Return the names that a `Literal` lists, also of each entry of a tuple; else nothing."""
+    """Return the names that a `Literal`, or a tuple of a `Literal`, lists; else nothing."""
     if get_origin(declared) is tuple:
         return choices_of(get_args(declared)[0])
     return get_args(declared) if get_origin(declared) is Literal else ()
 
 
 def expectation(declared: Any, declaration: Declaration) -> str:  # noqa: ANN401 - a type
-    """Return in words what a setting takes: "a whole number, at least 1"."""
+    """Return the accepted values of a setting in words: "a whole number, at least 1"."""
     if get_origin(declared) is tuple:
         kinds = get_args(declared)
         count = "a list" if kinds[-1] is Ellipsis else f"a list of {len(kinds)}"

@@ -1,4 +1,4 @@
-"""Frames of a folder to work on: a split, a camera, every N-th."""
+"""Selection of frames of a folder: by split, camera, and every N-th frame."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -11,12 +11,12 @@ from pipelines.frames.rgbd import FrameSource
 
 @dataclass(frozen=True)
 class ChosenFrames:
-    """Which frames of a folder; all of them by default.
+    """Selection of frames of a folder; by default all frames.
 
     Attributes:
-        split: of GraspNet's scenes, one of SPLITS; None for all.
-        camera: of GraspNet's scenes, one of CAMERAS; None for both.
-        stride: of every folder's frames each N-th.
+        split: split of GraspNet's scenes, one of SPLITS; None for all.
+        camera: camera of GraspNet's scenes, one of CAMERAS; None for both.
+        stride: N to select every N-th frame of each folder.
     """
 
     split: str | None = None
@@ -37,7 +37,7 @@ class ChosenFrames:
         return None if self.split is None else SPLITS[self.split]
 
     def of(self, sources: Sequence[FrameSource]) -> list[FrameSource]:
-        """Return each `stride`-th of the frames of every folder, in their order."""
+        """Return every `stride`-th frame of each folder, in order."""
         seen: dict[str, int] = defaultdict(int)
         chosen = []
         for source in sources:

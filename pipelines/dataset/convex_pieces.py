@@ -1,4 +1,4 @@
-"""Convex pieces for physics, metres: of an object, or of what stands around the objects of a scene.
+"""Convex pieces for physics, metres: of an object, or of the surroundings of a scene's objects.
 
 `models/NNN/convex.npz` is in the object frame, `scenes/scene_NNNN/surroundings.npz` in the table's.
 """

@@ -1,4 +1,4 @@
-"""Refusal to train on a root that is kept for judging, as `make dev` and `make sealed` make it."""
+"""Refusal to train on evaluation data, as made by `make dev` and `make sealed`."""
 
 from pipelines.dataset import object_list
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
@@ -9,10 +9,10 @@ TRAINING_POOLS = frozenset({"seen", "wide"})
 
 
 def refuse_held_back(root: GraspNetRoot) -> None:
-    """Raise SymgraspError if the objects of `root` are kept for judging.
+    """Raise SymgraspError if all objects of `root` are held back for evaluation.
 
-    What was trained on them could not be judged by them any more. A root without `objects.json`, or
-    with objects to train on beside them, is not refused.
+    A network trained on these objects could not be evaluated on them any more. A root without
+    `objects.json`, or with further objects to train on, is not refused.
     """
     path = root.root / "objects.json"
     if not path.is_file():
@@ -20,6 +20,6 @@ def refuse_held_back(root: GraspNetRoot) -> None:
     pools = {record.pool for record in object_list.read(path)}
     if pools & HELD_BACK_POOLS and not pools & TRAINING_POOLS:
         raise SymgraspError(
-            f"{root.root} holds objects that are kept for judging ({', '.join(sorted(pools))}), as "
-            "of `make dev` and `make sealed`; train on a root of `synthesize --split train`"
+            f"{root.root} holds objects that are kept for evaluation ({', '.join(sorted(pools))}), "
+            "as of `make dev` and `make sealed`; train on a root of `synthesize --split train`"
         )

@@ -1,7 +1,7 @@
 """Files of triangle meshes: reads ply, obj, stl, off and glb, writes binary ply and obj.
 
 Vertices are in metres, object frame. Triangles keep the order of the file, so that triangle indices
-of symmetric regions mean the same to every reader. `clean_mesh` drops degenerate triangles, for
+of symmetric regions are the same for every reader. `clean_mesh` drops degenerate triangles, for
 stages that write a mesh.
 """
 
@@ -37,7 +37,7 @@ MOST_NAMED, MOST_LOOKED_AT = 5, 200
 LARGEST_LIKELY_DIAGONAL = 2.0  # metres; graspable objects are smaller, files in mm are larger
 SMALLEST_DIAGONAL = 0.005  # metres; no gripper holds and no depth camera sees a smaller object
 MAX_MESH_BYTES = 2**29
-MAX_TRIANGLES = 4_000_000  # of a file, each as often as it is shown; scans have some 200,000
+MAX_TRIANGLES = 4_000_000  # of a file, with repetitions of instances; scans have some 200,000
 THINNEST_TRIANGLE = 1e-10  # height over longest edge; a thinner triangle has no reliable normal
 
 PLY_HEADER = """ply
@@ -59,12 +59,12 @@ def read_mesh(path: Path, scale: float = 1.0) -> Mesh:
     large to be in metres.
 
     Raises:
-        FormatError: unreadable, without triangles, or with vertices that are not finite.
+        FormatError: the file is unreadable, has no triangles, or vertices that are not finite.
     """
     if path.suffix.lower() not in MESH_SUFFIXES:
         if path.suffix.lower() in UNREAD_SUFFIXES:
             kinds = ", ".join(MESH_SUFFIXES)
-            raise FormatError(path, f"is of a format that is not read; {kinds} are", CONVERSION)
+            raise FormatError(path, f"has a format that is not read; {kinds} are", CONVERSION)
         raise UnknownNameError("mesh format", path.suffix, MESH_SUFFIXES)
     loaded = _load(existing(path))
     if len(loaded.faces) == 0:
@@ -98,7 +98,7 @@ def _warn_once(path: Path, sentence: str) -> None:
 
 
 def read_vertices(path: Path) -> Array:
-    """Read the points (n, 3) of a mesh or a cloud as in the file, without merging any."""
+    """Read the points (n, 3) of a mesh or a cloud as in the file, without merging."""
     with _parsing(path):
         points = np.asarray(_geometry(path).vertices, dtype=np.float64)
     if len(points) == 0 or not np.isfinite(points).all():
@@ -112,7 +112,7 @@ def refuse_too_large(mesh: Mesh, path: Path, scale: float | None) -> None:
     """Raise SymgraspError if `mesh` is too large to be in metres and no `scale` was given."""
     too_large = size_warning(mesh, path) if scale is None else None
     if too_large:
-        raise SymgraspError(f"{too_large}; if it is in metres, say so: --mesh-scale 1")
+        raise SymgraspError(f"{too_large}; if it is in metres, pass --mesh-scale 1")
 
 
 def refuse_too_small(mesh: Mesh, path: Path) -> None:
@@ -122,7 +122,7 @@ def refuse_too_small(mesh: Mesh, path: Path) -> None:
 
 
 def smallness_warning(mesh: Mesh, path: Path) -> str | None:
-    """Return a warning about a mesh too small to be grasped, with the option to pass; or None."""
+    """Return a warning if a mesh is too small to be grasped, with the option to pass; else None."""
     size = mesh.diagonal
     if size >= SMALLEST_DIAGONAL:
         return None
@@ -134,7 +134,7 @@ def smallness_warning(mesh: Mesh, path: Path) -> str | None:
 
 
 def size_warning(mesh: Mesh, path: Path) -> str | None:
-    """Return a warning about a mesh too large to be in metres, with the option to pass; or None."""
+    """Return a warning if a mesh is too large for metres, with the option to pass; else None."""
     size = mesh.diagonal
     if size <= LARGEST_LIKELY_DIAGONAL:
         return None
@@ -185,7 +185,7 @@ def find_meshes(source: Path) -> list[Path]:
     """List the mesh files in the folder `source`, sorted by name; or `source` if it is a mesh.
 
     Raises:
-        SymgraspError: there is no such folder or file, or no mesh in it.
+        SymgraspError: the folder or file does not exist, or contains no mesh.
     """
     if not source.exists():
         raise SymgraspError(f"{source} does not exist; give a mesh, a folder of meshes or a root")
@@ -204,7 +204,7 @@ def find_meshes(source: Path) -> list[Path]:
 
 
 def _passed_over(files: Sequence[Path]) -> list[str]:
-    """Return a sentence each on meshes that are not read, and on folders that hold meshes."""
+    """Return sentences about files of unread mesh formats, and about subfolders with meshes."""
     others = [file for file in files if file.suffix.lower() in UNREAD_SUFFIXES]
     folders = [file for file in files if file.is_dir() and _holds_meshes(file)]
     sentences = []
@@ -213,7 +213,7 @@ def _passed_over(files: Sequence[Path]) -> list[str]:
         found = f"{count} of formats that are not read: {_some(others)}"
         sentences.append(f"{found}; {CONVERSION}")
     if folders:
-        found = f"meshes of folders below are not read: {_some(folders)}"
+        found = f"meshes of subfolders are not read: {_some(folders)}"
         sentences.append(f"{found}; give each by name")
     return sentences
 
@@ -238,7 +238,7 @@ def _load(path: Path) -> trimesh.Trimesh:
         loaded.vertices
     ):
         raise FormatError(
-            path, "a triangle names a vertex that is not there", "export the mesh again"
+            path, "a triangle names a vertex that does not exist", "export the mesh again"
         )
     return loaded
 
@@ -250,14 +250,14 @@ def _parsing(path: Path) -> Iterator[None]:
     except SymgraspError:
         raise
     except Exception as error:  # trimesh's parsers raise errors of many types
-        what = f"not readable as {path.suffix} ({type(error).__name__}: {reason(error)})"
-        raise FormatError(path, what, "export the mesh again") from error
+        problem = f"not readable as {path.suffix} ({type(error).__name__}: {reason(error)})"
+        raise FormatError(path, problem, "export the mesh again") from error
 
 
 def _geometry(path: Path) -> Any:  # noqa: ANN401 - a mesh or a cloud of trimesh
-    """Return the one mesh or cloud of a file, without its materials and textures.
+    """Return the single mesh or cloud of a file, without its materials and textures.
 
-    From its bytes alone: by its path, trimesh would open what the file names beside itself.
+    Only the bytes of the file are read: given the path, trimesh would open other named files.
     """
     data = io.BytesIO(read_bytes(path, MAX_MESH_BYTES))
     kind = path.suffix.lower().removeprefix(".")
@@ -265,7 +265,9 @@ def _geometry(path: Path) -> Any:  # noqa: ANN401 - a mesh or a cloud of trimesh
     shown = [scene.graph[name][1] for name in scene.graph.nodes_geometry]
     triangles = sum(len(getattr(scene.geometry[name], "faces", ())) for name in shown)
     if triangles > MAX_TRIANGLES:
-        raise FormatError(path, f"shows {triangles} triangles", f"at most {MAX_TRIANGLES} are read")
+        raise FormatError(
+            path, f"contains {triangles} triangles", f"at most {MAX_TRIANGLES} are read"
+        )
     for each in scene.geometry.values():
         shape = np.shape(each.vertices)
         if len(shape) != 2 or shape[1] != 3:

@@ -48,7 +48,7 @@ def read(path: Path) -> list[ObjectRecord]:
     """Read a file of `write`.
 
     Raises:
-        FormatError: not such a file.
+        FormatError: the file is no objects.json.
     """
     content = read_json(path)
     if not isinstance(content, dict) or not isinstance(content.get("objects"), list):

@@ -45,7 +45,7 @@ class Intrinsics:
 
     @property
     def lens(self) -> Lens:
-        """Focal lengths and principal point (fx, fy, cx, cy), as compiled loops take them."""
+        """Focal lengths and principal point (fx, fy, cx, cy), as arguments of compiled loops."""
         return float(self.fx), float(self.fy), float(self.cx), float(self.cy)
 
     @property
@@ -91,7 +91,7 @@ class Intrinsics:
             self,
             fx=self.fx * sx,
             fy=self.fy * sy,
-            # Pixel centres, not corners, are whole numbers: hence the halves.
+            # Pixel centres, not pixel corners, are at whole numbers.
             cx=(self.cx + 0.5) * sx - 0.5,
             cy=(self.cy + 0.5) * sy - 0.5,
             width=width,

@@ -21,7 +21,7 @@ class Plane:
         return np.asarray(np.asarray(points, np.float64) @ self.normal + self.offset)
 
     def facing(self, viewpoint: ArrayLike) -> "Plane":
-        """Return the same plane with its normal pointing to the side of `viewpoint` (3,)."""
+        """Return the same plane with its normal toward `viewpoint` (3,)."""
         return self if self.height(viewpoint) >= 0 else Plane(-self.normal, -self.offset)
 
 

@@ -1,7 +1,7 @@
 """Masks of the symmetric regions of posed objects in an image (Sec. III-D).
 
-The instance label gives the pixels of an object; rays against its posed mesh give the triangle, and
-with it the region, that each of these pixels shows. The masks hold visible parts only.
+The instance label gives the pixels of an object; rays against the posed mesh give the triangle, and
+so the region, at each of these pixels. The masks contain visible parts only.
 """
 
 from collections.abc import Mapping, Sequence
@@ -43,7 +43,7 @@ class RegionInstance:
     object_id: int  # in the dataset
     name: str  # of the region
     mask: Mask  # (H, W) pixels that show the region
-    visible: float  # share of the region's surface toward the camera that the mask holds, 0 to 1
+    visible: float  # share of the region's surface toward the camera inside the mask, 0 to 1
     symmetries: tuple[Symmetry, ...]  # of the region, camera frame, metres
 
 
@@ -51,9 +51,9 @@ def visible_regions(
     label: NDArray[np.integer],  # (H, W) object id + 1, 0 = background, as in GraspNet
     intrinsics: Intrinsics,
     poses: Sequence[tuple[int, ArrayLike]],  # (object id, T_cam_obj (4, 4)) of the scene's objects
-    objects: Mapping[int, RegionedObject],  # by id; one that is missing here has no regions
+    objects: Mapping[int, RegionedObject],  # by id; a missing object has no regions
 ) -> list[RegionInstance]:
-    """Return the regions that at least one pixel shows, in the order of `poses`."""
+    """Return the regions with at least one visible pixel, in the order of `poses`."""
     instances = []
     for object_id, pose in poses:
         if object_id not in objects:

@@ -1,7 +1,7 @@
 """Ray casting against posed meshes: views of a camera, and contacts of fingers.
 
-The search finds the triangle, in single precision if it is Embree's; the distance is then computed
-in double precision from the plane of that triangle.
+The search finds the triangle, in single precision with Embree; the distance is then computed in
+double precision from the plane of that triangle.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ class Hits:
 
 
 class Scene:
-    """Search structure for rays against posed meshes; built once, used by many casts.
+    """Search structure for rays against posed meshes, built once for many casts.
 
     `meshes` are in their own frames, `poses` (4, 4) map each to the world frame.
     """
@@ -67,7 +67,7 @@ class Scene:
         normal, corner = self._normals[triangle[hit]], self._triangles[triangle[hit], 0]
         slope = np.einsum("ij,ij->i", d[hit], normal)
         ahead = np.einsum("ij,ij->i", corner - o[hit], normal)
-        # A ray within the triangle's plane does not cross it: there the search's distance stays.
+        # A ray in the triangle's plane does not cross it and keeps the distance of the search.
         with np.errstate(divide="ignore", invalid="ignore"):
             exact = ahead / slope
         rough = searched[hit]
@@ -80,7 +80,7 @@ class Scene:
         return self._search.any(o - self._centre, np.asarray(directions).reshape(-1, 3))
 
     def owner(self, triangle: Indices) -> tuple[Indices, Indices]:
-        """Return object index and index within that object's mesh of `triangle`; -1 stays -1."""
+        """Return the object of `triangle`, and its index in that object's mesh; -1 stays -1."""
         index = np.searchsorted(self._starts, triangle, side="right") - 1
         none = triangle < 0
         return (

@@ -19,12 +19,12 @@ REFLECTION_SLOTS = (0, 1, 2)
 ROTATION_SLOT = 3
 SPHERE_SLOT = 4
 KIND_OF_SLOT: tuple[SymmetryKind, ...] = (*("reflection",) * 3, "rotation", "sphere")
-MAX_ORDER = 360  # repeats by less than a degree are a continuous symmetry to any gripper
+MAX_ORDER = 360  # for a gripper, repeats of less than a degree are continuous
 
 
 def _checked_direction(name: str, vector: ArrayLike) -> Array:
     v = np.asarray(vector, np.float64)
-    # Plain floats: a frame has hundreds of symmetries, and arrays of three cost more.
+    # A frame has hundreds of symmetries, and floats are faster than arrays of three.
     length = math.hypot(*v.tolist()) if v.shape == (3,) else 0.0
     if not 0.5 < length < 2.0:
         raise ValueRangeError(name, v.tolist(), "a unit vector of 3 finite numbers")
@@ -77,7 +77,7 @@ class ReflectionSymmetry:
 class RotationSymmetry:
     """Rotation symmetry about the line through `point` (3,) along unit `axis` (3,).
 
-    `order` is None for a continuous symmetry, n for one that repeats every 1/n turn.
+    `order` is None for a continuous symmetry, n for a repetition every 1/n turn.
     """
 
     axis: Array
@@ -98,7 +98,7 @@ class RotationSymmetry:
         return self.axis
 
     def counterpart(self, points: ArrayLike) -> Array:
-        """Return the points (..., 3) of the orbits of `points` farthest away: across the axis."""
+        """Return the points (..., 3) across the axis, the farthest on the orbits of `points`."""
         foot = np.asarray(points, np.float64) - self.point
         across = foot - (foot @ self.axis)[..., None] * self.axis
         return np.asarray(points, np.float64) - 2.0 * across
@@ -157,19 +157,19 @@ class ObjectRegion:
 class SymmetrySlots:
     """Symmetries as the network's five slots: 0-2 reflection, 3 rotation, 4 sphere."""
 
-    # (5,) the belief that the slot's symmetry exists, 0 to 1: as predicted, or as fits and
-    # their critics leave it; 0 or 1 for ground truth
+    # (5,) belief that the slot's symmetry exists, 0 to 1: as predicted, or after fits and
+    # critics; 0 or 1 for ground truth
     existence: Array
     point: Array  # (5, 3) metres; nan where the slot is empty
     direction: Array  # (5, 3) unit; nan where the slot is empty, and for the sphere
-    # (5,) of the candidate: `network`, `shape` or `both`; empty where it is not known
+    # (5,) source of the candidate: `network`, `shape` or `both`; empty if unknown
     source: NDArray[np.str_] = field(default_factory=lambda: np.full(NUM_SLOTS, "", "U7"))
 
     @classmethod
     def of(
         cls, symmetries: Iterable[tuple[int, Symmetry, float]], source: str = ""
     ) -> "SymmetrySlots":
-        """Return `symmetries`: the slot, the symmetry and the belief in it, all of one `source`."""
+        """Return the slots of `symmetries` (slot, symmetry, belief) from one `source`."""
         points, directions = np.full((2, NUM_SLOTS, 3), np.nan)
         slots = cls(np.zeros(NUM_SLOTS), points, directions, np.full(NUM_SLOTS, source, "U7"))
         for slot, symmetry, existence in symmetries:
@@ -204,6 +204,6 @@ class SymmetrySlots:
         return SphereSymmetry(self.point[slot])
 
     def between(self, above: float, below: float = np.inf) -> list[tuple[int, Symmetry]]:
-        """Return slot and symmetry where the belief in it lies `above` and `below` these."""
+        """Return slots and symmetries with a belief between `above` and `below`."""
         slots = np.flatnonzero((self.existence > above) & (self.existence < below)).tolist()
         return [(slot, self.symmetry(slot)) for slot in slots]

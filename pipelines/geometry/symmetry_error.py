@@ -19,10 +19,10 @@ TURNS = tuple(np.pi * k / 8 for k in range(1, 16))  # radians
 
 
 def symmetry_error(points: Array, predicted: Symmetry, truth: Symmetry) -> float:
-    """Return the dense error of two symmetries of one kind; for spheres the distance in metres.
+    """Return the dense error of two symmetries of one kind; for spheres, the distance in metres.
 
-    Of planes mean |S_pred(x) - S_true(x)| / max |S_true(x) - x|, dimensionless; of axes the same of
-    turns, averaged over `TURNS`. `points`: (n, 3) metres, any frame that both share, n >= 1.
+    For planes: mean |S_pred(x) - S_true(x)| / max |S_true(x) - x|, dimensionless; for axes: the
+    mean of this error over rotations by `TURNS`. `points`: (n, 3) metres, a common frame, n >= 1.
 
     Raises:
         ValueRangeError: the kinds differ, so their maps cannot be compared.
@@ -32,7 +32,7 @@ def symmetry_error(points: Array, predicted: Symmetry, truth: Symmetry) -> float
             images = predicted.counterpart(points), truth.counterpart(points)
             return _displacement_ratio(points, *images)
         case RotationSymmetry(), RotationSymmetry():
-            # An axis has no sign: the predicted one is taken as close to the true one as it can be.
+            # An axis has no sign: the predicted axis is turned toward the true one.
             sign = 1.0 if float(predicted.axis @ truth.axis) >= 0.0 else -1.0
             turns = [(predicted.turn(points, sign * a), truth.turn(points, a)) for a in TURNS]
             return float(np.mean([_displacement_ratio(points, *images) for images in turns]))
@@ -44,6 +44,6 @@ def symmetry_error(points: Array, predicted: Symmetry, truth: Symmetry) -> float
 def _displacement_ratio(points: Array, predicted: Array, truth: Array) -> float:
     reach = float(np.linalg.norm(truth - points, axis=1).max())
     miss = float(np.linalg.norm(predicted - truth, axis=1).mean())
-    if reach == 0.0:  # every point lies on the true plane or axis: only equal images are right
+    if reach == 0.0:  # all points are on the true plane or axis: only equal images are right
         return 0.0 if miss == 0.0 else float("inf")
     return miss / reach

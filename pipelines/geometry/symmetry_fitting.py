@@ -1,8 +1,8 @@
 """Fits of predicted symmetries to the points of one view.
 
 The network's prediction is rough, the measured surface exact. A rotation axis meets the normal line
-of every surface point that it turns; a mirror image lies on the surface where the surface is seen.
-A few robust Gauss-Newton steps start from the prediction and keep it as a prior, which holds the
+of every point on its surface; a mirror image is on the surface where the surface is seen. A few
+robust Gauss-Newton steps start from the prediction and keep it as a prior, which constrains the
 unknowns that one view does not determine.
 """
 
@@ -25,16 +25,16 @@ from pipelines.geometry.numerics.nearest import Neighbours
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry
 from pipelines.geometry.transforms import basis_from_direction, cross, unit
 
-GAUSS_NEWTON_STEPS = 5  # more change nothing; nearest neighbours of images cost most
+GAUSS_NEWTON_STEPS = 5  # further steps change nothing; nearest neighbours of images cost most
 IMAGE_STRIDE = 4  # every fourth point is mirrored, onto all points
 NOISE = 0.003  # metres, standard deviation of the residuals of a good fit
 PRIOR_ANGLE = np.radians(20.0)  # standard deviation of a prediction
 PRIOR_OFFSET = 0.015  # metres
 PRECISION = np.array([PRIOR_ANGLE, PRIOR_ANGLE, PRIOR_OFFSET, PRIOR_OFFSET]) ** -2.0
 STEP_SCALES = np.geomspace(*SCALES, GAUSS_NEWTON_STEPS)
-# Errors of neighbouring points are correlated: a region of any size weighs like this many points.
+# Errors of neighbouring points are correlated: any region weighs as much as this many points.
 EFFECTIVE_POINTS = 60
-MIN_OVERLAP = 0.25  # share of mirrored points on seen surface; with less, the plane stays as it is
+MIN_OVERLAP = 0.25  # share of mirrored points on seen surface; with less, the plane is unchanged
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def fit_reflections(
 ) -> list[SymmetryFit]:
     """Fit each plane to `points` and `normals` (n, 3) of a surface, metres, any frame.
 
-    A plane with support below `MIN_OVERLAP` stays as it is.
+    A plane with support below `MIN_OVERLAP` is unchanged.
     """
     moved, seen = points[::IMAGE_STRIDE].copy(), Neighbours.of(points)
 
@@ -91,10 +91,10 @@ def fit_reflections(
 def _fitted(
     directions: Array, points: Array, count: int, linearised: Linearised, *, along: bool = False
 ) -> list[SymmetryFit]:
-    """Gauss-Newton with annealed Tukey weights from the priors `directions` and `points` (k, 3).
+    """Fit by Gauss-Newton with annealed Tukey weights from priors `directions`, `points` (k, 3).
 
-    Four unknowns each: two turns of the direction, then either two offsets across the direction (an
-    axis) or, with `along`, one offset along it (a plane) and an unused one. `count` residuals each.
+    Each fit has `count` residuals and four unknowns: two turns of the direction, then two offsets
+    across the direction (an axis) or, with `along`, one along it (a plane) and an unused one.
     """
     start = unit(directions)
     basis = basis_from_direction(start)[..., 1:].copy()

@@ -62,7 +62,7 @@ def cross(first: Array, second: Array) -> Array:
 def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Array:
     """Return rotations (..., 3, 3) by `angle` (...) about the unit vectors `axis` (..., 3)."""
     u, angle = unit(axis), np.asarray(angle, np.float64)
-    by_axis = np.zeros((*u.shape, 3))  # the matrix of a cross product with it
+    by_axis = np.zeros((*u.shape, 3))  # matrix of the cross product with the axis
     by_axis[..., 2, 1], by_axis[..., 0, 2], by_axis[..., 1, 0] = u[..., 0], u[..., 1], u[..., 2]
     by_axis -= np.swapaxes(by_axis, -1, -2)
     s, c = np.sin(angle)[..., None, None], np.cos(angle)[..., None, None]
@@ -77,7 +77,7 @@ def random_rotation(rng: np.random.Generator) -> Array:
 def nearest_orthogonal(matrices: ArrayLike) -> Array:
     """Return the orthogonal matrices (..., 3, 3) nearest to finite `matrices` (..., 3, 3).
 
-    The determinant of the result has the sign of the matrix's: -1 for mirrored frames.
+    The determinant of the result keeps the sign of the matrix: -1 for mirrored frames.
     """
     u, _, v = np.linalg.svd(np.asarray(matrices, np.float64))
     return np.asarray(u @ v)
@@ -130,7 +130,7 @@ def _bases(units: Array) -> Array:
     bases = np.empty((len(units), 3, 3))
     for n in range(len(units)):
         x, y, z = units[n, 0], units[n, 1], units[n, 2]
-        # Cross with the coordinate axis farthest from it, so that the product never vanishes.
+        # The cross product with the coordinate axis farthest from the direction never vanishes.
         u, v, w = 0.0, -z, y
         if abs(y) < abs(x) and abs(y) <= abs(z):
             u, v, w = z, 0.0, -x

@@ -16,12 +16,12 @@ from pipelines.geometry.symmetry import (
 )
 from pipelines.geometry.transforms import make_pose, unit
 
-NUM_CANDIDATES = 240  # directions that are compared
-FIELD = np.radians(9.0)  # field of view; a long lens keeps parallels parallel
-PICTURE_MARGIN = 1.22  # width of the picture over that of the object
-OBLIQUE_COSINE = 0.5  # between the view and a plane's normal or an axis: neither hidden nor flat
-AREA_WEIGHT, TOP_WEIGHT = 0.6, 0.2  # of shown area and of height, beside obliqueness
-SQUARE_COSINE = 0.05  # between a view and a normal: the plane is seen edge on
+NUM_CANDIDATES = 240  # compared directions
+FIELD = np.radians(9.0)  # field of view; with a long lens, parallels stay parallel
+PICTURE_MARGIN = 1.22  # width of the picture over the width of the object
+OBLIQUE_COSINE = 0.5  # between the view and a normal or axis: neither hidden nor flat
+AREA_WEIGHT, TOP_WEIGHT = 0.6, 0.2  # of shown area and of height; obliqueness has weight 1
+SQUARE_COSINE = 0.05  # between a view and a normal: the plane is edge on
 SAME_NORMAL_COSINE = float(np.cos(np.radians(3.0)))
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -36,13 +36,13 @@ def view_along(mesh: Mesh, direction: Array, up: Array) -> Array:
     """Return `T_mesh_cam` (4, 4) of a camera that sees all of `mesh` along `direction` (3,)."""
     forward = unit(direction)
     right = np.cross(forward, up)
-    if np.linalg.norm(right) < 1e-3:  # `up` is along the view: any other direction will do
+    if np.linalg.norm(right) < 1e-3:  # `up` is along the view: use another direction
         right = np.cross(forward, np.eye(3)[np.abs(forward).argmin()])
     right = unit(right)
     axes = np.stack([right, np.cross(forward, right), forward], axis=1)
     seen = mesh.vertices[np.unique(mesh.faces)] @ axes
     middle = 0.5 * (seen.min(axis=0) + seen.max(axis=0))
-    # The nearest point of the view's axis from which every vertex is inside the picture.
+    # The nearest point of the view axis from which all vertices are inside the picture.
     across = np.abs(seen[:, :2] - middle[:2]).max(axis=1)
     distance = (PICTURE_MARGIN * across / np.tan(0.5 * FIELD) + middle[2] - seen[:, 2]).max()
     eye = np.array([middle[0], middle[1], middle[2] - distance])
@@ -62,10 +62,10 @@ def oblique_view(mesh: Mesh, symmetries: Sequence[Symmetry]) -> Array:
 
 
 def symmetry_view(mesh: Mesh, symmetries: Sequence[Symmetry]) -> Array:
-    """Return `T_mesh_cam` (4, 4) of the view in which an eye checks the symmetries best.
+    """Return `T_mesh_cam` (4, 4) of the view in which a person checks the symmetries best.
 
-    Along the axis, where a round object looks round; else along the planes, where left is the
-    mirror image of right; else opposite to the oblique view.
+    The view is along an axis, where a round object looks round; else along the planes, where left
+    mirrors right; else opposite to the oblique view.
     """
     normals = _distinct([s.normal for s in symmetries if isinstance(s, ReflectionSymmetry)])
     axes = [s for s in symmetries if isinstance(s, RotationSymmetry)]
@@ -92,7 +92,7 @@ def symmetry_view(mesh: Mesh, symmetries: Sequence[Symmetry]) -> Array:
 
 
 def _distinct(normals: Sequence[Array]) -> list[Array]:
-    """Return one normal of each set of parallel planes: parts of an object may share a plane."""
+    """Return one normal per set of parallel planes, since parts of an object may share a plane."""
     kept: list[Array] = []
     for normal in normals:
         if all(abs(normal @ other) < SAME_NORMAL_COSINE for other in kept):

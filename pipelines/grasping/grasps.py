@@ -1,12 +1,12 @@
-"""Grasps of a parallel-jaw gripper, and THE grasp frame.
+"""Grasps of a parallel gripper, and the grasp frame of the whole toolkit.
 
 The columns of `rotation` are **approach, closing, approach x closing**: the gripper moves along
 approach, the fingers close along closing, the last is the binormal. `translation` is the
 **midpoint of the two contacts** (the paper's t), `width` the distance between them (the paper's d).
-Turning a grasp by half a turn about its approach swaps the fingers: it is the same grasp.
+Half a turn about the approach axis swaps the fingers and gives the same grasp.
 
-GraspNet has the same axes but another origin: it lies `depth` behind the finger tips along the
-approach, and its width is the opening. `to_graspnet` and `from_graspnet` own that difference.
+GraspNet has the same axes, but its origin is `depth` behind the finger tips along the approach, and
+its width is the opening. Only `to_graspnet` and `from_graspnet` handle this difference.
 """
 
 from collections.abc import Sequence
@@ -28,14 +28,14 @@ from pipelines.geometry.transforms import (
 
 Index = NDArray[np.bool_] | NDArray[np.integer] | slice
 
-GRASPNET_HEIGHT = 0.02  # metres; the column that graspnetAPI ignores
+GRASPNET_HEIGHT = 0.02  # metres; a column that graspnetAPI ignores
 GRASPNET_DEPTH = 0.02  # metres from GraspNet's origin to the finger tips
 ROTATION_TOLERANCE = 1e-4
-PARALLEL = 1e-6  # sine below which an approach runs along the contact line
-# The x, y, z of a gripper's base, as columns in the grasp frame. Both have z = approach.
+PARALLEL = 1e-6  # sine below which an approach is parallel to the contact line
+# The x, y, z of a gripper's base as columns in the grasp frame; both have z = approach.
 # Closing along x: Contact-GraspNet, 6-DOF GraspNet, ACRONYM, GraspGen.
 CLOSING_ALONG_X = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-# Closing along y: the links of grippers, as `panda_hand`; MoveIt, ROS and Isaac move these.
+# Closing along y: links of grippers, as `panda_hand`, which MoveIt, ROS and Isaac move.
 CLOSING_ALONG_Y = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
 
 
@@ -66,7 +66,7 @@ class GraspPoses:
 
     @classmethod
     def unchecked(cls, rotation: Array, translation: Array, width: Array) -> "GraspPoses":
-        """Return the grasps with these float64 attributes, which are known to be sound."""
+        """Return the grasps with these float64 attributes, which are known to be valid."""
         grasps = object.__new__(cls)
         vars(grasps).update(rotation=rotation, translation=translation, width=width)
         return grasps
@@ -80,8 +80,8 @@ class GraspPoses:
     def from_contacts(cls, contacts: ArrayLike, approach: ArrayLike) -> "GraspPoses":
         """Return the grasps with `contacts` (n, 2, 3) along `approach` (n, 3).
 
-        Only the part of `approach` perpendicular to the contact line counts; where there is none,
-        any perpendicular direction is taken. Closing points from the first contact to the second.
+        Only the part of `approach` perpendicular to the contact line counts; without such a part,
+        any perpendicular direction is used. Closing points from the first contact to the second.
         """
         pair = np.asarray(contacts, np.float64)
         line = pair[:, 1] - pair[:, 0]
@@ -108,7 +108,7 @@ class GraspPoses:
         return len(self.width)
 
     def __getitem__(self, index: Index) -> "GraspPoses":
-        # What was checked is not checked again: a region's grasps are cut up some 30 times.
+        # Checked grasps are not checked again: a region's grasps are indexed some 30 times.
         return self.unchecked(self.rotation[index], self.translation[index], self.width[index])
 
     @property
@@ -156,12 +156,12 @@ class GraspPoses:
 
 def are_rotations(matrices: Array) -> bool:
     """Return whether all of `matrices` (n, 3, 3) are orthonormal with determinant +1."""
-    # One contiguous row a coordinate: a fifth of the time of small matrix products.
+    # A contiguous row per coordinate takes a fifth of the time of small matrix products.
     a, b, c = np.ascontiguousarray(np.moveaxis(matrices, 0, 2)).swapaxes(0, 1)
     cross_ab = np.stack([a[i] * b[j] - a[j] * b[i] for i, j in ((1, 2), (2, 0), (0, 1))])
     off = [(a * a).sum(axis=0) - 1.0, (b * b).sum(axis=0) - 1.0, (a * b).sum(axis=0)]
     off += [*(cross_ab - c)]
-    # Not "greater than": nothing compares with nan.
+    # Not "greater than", since comparisons with nan are False.
     return bool((np.abs(off) <= ROTATION_TOLERANCE).all())
 
 
@@ -177,7 +177,7 @@ def to_graspnet(
 
     Args:
         grasps: in the camera frame.
-        rank: (n,) confidence, higher is better, GraspNet's first column.
+        rank: (n,) confidence, higher is better, the first column in GraspNet.
         opening: (n,) metres between the open fingers; the contact width if None.
         tip_reach: metres by which the finger tips pass the contact line along approach.
         depth: metres from GraspNet's origin to the finger tips.
@@ -188,7 +188,7 @@ def to_graspnet(
     rows[:, 2], rows[:, 3] = GRASPNET_HEIGHT, depth
     rows[:, 4:13] = grasps.rotation.reshape(-1, 9)
     rows[:, 13:16] = grasps.translation + (tip_reach - depth) * grasps.approach
-    rows[:, 16] = -1  # of no known object
+    rows[:, 16] = -1  # no known object
     return rows
 
 
@@ -201,7 +201,7 @@ def from_graspnet(rows: ArrayLike, *, tip_reach: float = 0.0) -> GraspPoses:
 
 
 def gripper_poses(grasps: GraspPoses, base_to_contacts: float, axes: Array) -> Array:
-    """Return (n, 4, 4) poses: base of the gripper, for robot programs, to the frame of `grasps`.
+    """Return the poses (n, 4, 4) of the gripper base, for robot programs, in the frame of `grasps`.
 
     Args:
         grasps: in any frame.

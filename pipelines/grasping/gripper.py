@@ -1,4 +1,4 @@
-"""The parallel-jaw gripper as three boxes in the grasp frame: two fingers and a palm."""
+"""The parallel gripper as three boxes in the grasp frame: two fingers and a palm."""
 
 from dataclasses import dataclass, fields, replace
 from functools import cache
@@ -12,18 +12,18 @@ from pipelines.errors import ValueRangeError
 
 @dataclass(frozen=True)
 class Gripper:
-    """Dimensions in metres; along the grasp frame's axes approach, closing, approach x closing.
+    """Dimensions of a gripper in metres, along approach, closing and approach x closing.
 
     Attributes:
-        name: as users call it.
+        name: name of the preset or file.
         max_opening: widest distance between the fingers' inner faces.
         finger_length: from the palm's front to the finger tips, along approach.
-        finger_thickness: of one finger along closing.
-        finger_height: of a finger along the binormal.
-        palm_depth: of the palm, behind the fingers, along approach.
-        palm_width: of the palm along closing.
-        palm_height: of the palm along the binormal.
-        tip_reach: how far the tips pass the contact line along approach.
+        finger_thickness: thickness of one finger along closing.
+        finger_height: height of a finger along the binormal.
+        palm_depth: depth of the palm, behind the fingers, along approach.
+        palm_width: width of the palm along closing.
+        palm_height: height of the palm along the binormal.
+        tip_reach: distance of the tips past the contact line along approach.
         clearance: free distance between contact and open finger, each side.
         flange_to_tip: from the mounting flange to the finger tips, for exporters.
     """
@@ -54,12 +54,12 @@ class Gripper:
 
     @property
     def max_width(self) -> float:
-        """Widest distance of contacts that the open fingers still pass with their clearance."""
+        """Widest distance of contacts that the open fingers pass with their clearance."""
         return self.max_opening - 2.0 * self.clearance
 
     @property
     def base_to_contacts(self) -> float:
-        """From the mounting flange, the gripper's base, to the contact line along approach."""
+        """Distance from the mounting flange, the gripper base, to the contact line, on approach."""
         return self.flange_to_tip - self.tip_reach
 
     def opening(self, width: ArrayLike) -> Array:
@@ -67,20 +67,20 @@ class Gripper:
         return np.asarray(width, np.float64) + 2.0 * self.clearance
 
     def swept(self, distance: float) -> "Gripper":
-        """Return a gripper with the space that this one sweeps on its last `distance` metres.
+        """Return a gripper that fills the space swept on the last `distance` metres.
 
-        It comes along its approach axis, open. Its palm is as wide as its open fingers, so what
-        they sweep lies within what the palm does, or is made to.
+        The gripper moves along its approach axis, open. Its palm is as wide as the open fingers, or
+        is made so, so that a longer palm also covers the space that the fingers sweep.
         """
         return _swept(self, distance)
 
     def bounds(self, width: ArrayLike) -> Array:
-        """Return (..., 9) metres that bound the bodies: the gripper is its own mirror image.
+        """Return the bounds (..., 9) of the bodies in metres; the gripper is mirror symmetric.
 
         In order: the fingers' back and tip along approach, the palm's back and front, half the
         fingers' and the palm's height, the inner and outer face of a finger and the side of the
-        palm along closing. `width` (...) is the distance of the contacts; the frame is the
-        grasp's, so the contact line lies on approach = 0, binormal = 0.
+        palm along closing. `width` (...) is the distance of the contacts; in the grasp frame, the
+        contact line is at approach = 0, binormal = 0.
         """
         inner = self.opening(width) / 2.0
         tip, back = self.tip_reach, self.tip_reach - self.finger_length
@@ -88,12 +88,12 @@ class Gripper:
         bounds[..., :4] = back, tip, back - self.palm_depth, back
         bounds[..., 4:6] = self.finger_height / 2, self.palm_height / 2
         bounds[..., 6], bounds[..., 7] = inner, inner + self.finger_thickness
-        # The palm is at least as wide as the open fingers: they are mounted on it.
+        # The palm is at least as wide as the open fingers, which are mounted on the palm.
         bounds[..., 8] = np.maximum(self.palm_width / 2, bounds[..., 7])
         return bounds
 
     def boxes(self, width: ArrayLike) -> Array:
-        """Return (..., 3, 2, 3): low and high corners of both fingers and the palm, of `bounds`."""
+        """Return the low and high corners (..., 3, 2, 3) of both fingers and the palm."""
         bounds = np.moveaxis(self.bounds(width), -1, 0)
         back, tip, palm_back, front, half, palm_half, inner, outer, side = bounds
         boxes = np.empty((*inner.shape, 3, 2, 3))
@@ -107,7 +107,7 @@ class Gripper:
         return boxes
 
 
-@cache  # the same few for all of a run's regions
+@cache  # all regions of a run use the same few
 def _swept(gripper: Gripper, distance: float) -> Gripper:
     height = max(gripper.palm_height, gripper.finger_height)
     return replace(gripper, palm_depth=gripper.palm_depth + distance, palm_height=height)

@@ -1,4 +1,4 @@
-"""Region clouds with their labels, as a network learns from them. Camera frame, metres."""
+"""Region clouds with labels for training the network. Camera frame, metres."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -31,7 +31,9 @@ class LabelledSurface:
     def affordance_at(self, points: Array, radius: float) -> Array:
         """Return the affordance (m,) of the nearest surface point within `radius`, else 0."""
         _, nearest = self.tree.query(points, distance_upper_bound=radius)
-        return np.append(self.affordance, 0.0)[nearest]  # none is near: the index behind the last
+        return np.append(self.affordance, 0.0)[
+            nearest
+        ]  # without a near point, the index is past the last
 
 
 @dataclass(frozen=True)
@@ -55,10 +57,10 @@ def labelled_clouds(
     config: PackConfig,
     rng: np.random.Generator,
 ) -> list[LabelledCloud]:
-    """Return the regions that show enough of themselves, `config.num_points` points of each.
+    """Return the regions with enough visible pixels, `config.num_points` points of each.
 
-    The points are the sensor's inside the mask that `mask_of` makes of the true one; symmetries and
-    affordance are the object's, moved by its pose T_cam_obj.
+    The points are measured points inside the mask that `mask_of` makes from the true mask;
+    symmetries and affordance of the object are moved by its pose T_cam_obj.
     """
     clouds = []
     for instance in instances:
@@ -67,7 +69,7 @@ def labelled_clouds(
         points = RegionCloud.from_mask(mask_of(instance), scene).points
         if len(points) < config.min_pixels:
             continue
-        few = len(points) < config.num_points  # then some of them twice
+        few = len(points) < config.num_points  # then some points are repeated
         drawn = points[rng.choice(len(points), config.num_points, replace=few)]
         points_obj = transform_points(invert(poses[instance.object_id]), drawn)
         surface = surface_of(instance.object_id)

@@ -1,9 +1,9 @@
 """The grasps of one region: physics-feasible selection and ranking (Sec. III-F).
 
 A list of passes proposes contact pairs: across the region's symmetries, from its outline, across
-doubtful symmetries. Of the pairs of a pass, the feasible grasps are ranked, by the grasp critic or
-by Eq. 8, and of alike ones the best stays. A pass is left out where the grasps found before it are
-expected to be good enough.
+doubtful symmetries. The feasible grasps of a pass are ranked, by the grasp critic or by Eq. 8, with
+non-maximum suppression. A pass is skipped if the grasps of earlier passes are expected to be good
+enough.
 """
 
 from collections.abc import Callable, Sequence
@@ -37,21 +37,21 @@ from pipelines.grasping.ranking.ranking import (
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.grasping.symmetries.completion import Completion
 
-MIN_POINTS = 20  # fewer show no surface
-MOST = 0.9  # of the region's points lie within the radius that off-centre grasps are measured by
+MIN_POINTS = 20  # fewer points show no surface
+MOST = 0.9  # of the region's points: share inside the radius for off-centre grasps
 OFF_CENTRE = 0.5  # stability lost by a grasp at the region's rim
 ALWAYS = np.inf
 
 
 @dataclass(frozen=True)
 class RegionModel:
-    """The model of one region; the measured points alone where nothing is predicted.
+    """The model of one region; without predictions, the measured points alone.
 
     Attributes:
         cloud: n points.
         symmetries: of the region.
         affordance: (n,) 0 to 1.
-        completion: points that symmetries put where the camera sees nothing.
+        completion: points that symmetries predict where the camera sees nothing.
     """
 
     cloud: RegionCloud
@@ -66,7 +66,7 @@ class Pass:
 
     Attributes:
         candidates: the contact pairs of a region.
-        unless_expected: the pass is left out where grasps of this score are found already.
+        unless_expected: skip the pass if grasps with this score are found already.
         keeps_off_own_side: whether the region's own completion is an obstacle.
     """
 
@@ -76,7 +76,7 @@ class Pass:
 
 
 def symmetric_pass(above: float, below: float = np.inf, unless_expected: float = ALWAYS) -> Pass:
-    """Return pairs across symmetries with a confidence between `above` and `below` (Sec. III-E)."""
+    """Return the pass across symmetries of confidence between `above` and `below` (Sec. III-E)."""
 
     def pairs(
         region: RegionModel, feasibility: Feasibility, config: CandidateConfig
@@ -88,18 +88,18 @@ def symmetric_pass(above: float, below: float = np.inf, unless_expected: float =
 
 
 def planar_pass(unless_expected: float = ALWAYS) -> Pass:
-    """Return opposite points of the region's outline (D. 8)."""
+    """Return the pass of opposite points on the region's outline (D. 8)."""
     return Pass(lambda region, checks, _: planar_candidates(region.cloud, checks), unless_expected)
 
 
 def random_pass(rng: np.random.Generator) -> Pass:
-    """Return random antipodal pairs, a baseline."""
+    """Return the pass of random antipodal pairs, a baseline."""
     return Pass(lambda region, checks, config: random_candidates(region.cloud, config, checks, rng))
 
 
 @dataclass(frozen=True)
 class RegionPlanner:
-    """The selection of grasps, region by region; without a critic they are ranked by Eq. 8."""
+    """Selection of grasps, region by region; without a critic, Eq. 8 ranks the grasps."""
 
     gripper: Gripper
     config: SelectionConfig
@@ -111,11 +111,11 @@ class RegionPlanner:
         return "eq8" if self.critic is None else "critic"
 
     def passes(self) -> tuple[Pass, ...]:
-        """Return the passes over a region whose symmetries are known.
+        """Return the passes over a region with known symmetries.
 
-        The critic's scores are expectations: where it expects little of symmetric grasps, planar
-        ones join (D. 82), and then those across doubtful symmetries (D. 88). By Eq. 8 planar ones
-        serve where no other is feasible.
+        The critic's scores are expectations: if symmetric grasps have low scores, planar grasps
+        are added (D. 82), then grasps across doubtful symmetries (D. 88). With Eq. 8, planar
+        grasps are used only if no other grasp is feasible.
         """
         symmetry, sufficient = self.config.symmetry, self.config.ranking.sufficient
         passes = symmetric_pass(symmetry.least_confidence), planar_pass(sufficient)
@@ -128,8 +128,8 @@ class RegionPlanner:
     ) -> RankedGrasps:
         """Return feasible grasps of `region`, best first.
 
-        The sides of other regions that no camera sees are kept off, unless that leaves no grasp
-        (D. 85). `passes`: kinds of candidates; None for `passes()`.
+        Unseen sides of other regions are obstacles, unless that leaves no grasp (D. 85).
+        `passes`: kinds of candidates; None for `passes()`.
         """
         if len(region.cloud) < MIN_POINTS:
             return RankedGrasps.empty()
@@ -162,7 +162,7 @@ class RegionPlanner:
         return found
 
     def _expected(self, found: RankedGrasps) -> float:
-        """Return the best expected quality; by Eq. 8, which expects none, any grasp will do."""
+        """Return the best expected quality; with Eq. 8, which expects none, any grasp suffices."""
         if not len(found):
             return -np.inf
         return 1.0 if self.critic is None else float(found.rank_score[0])
@@ -170,7 +170,7 @@ class RegionPlanner:
     def _select(
         self, candidates: GraspCandidates, feasibility: Feasibility, known: KnownRegion
     ) -> RankedGrasps:
-        """Return the candidates that are feasible at one of their approach angles, best first.
+        """Return the candidates that are feasible at an approach angle, best first.
 
         The most stable pairs are tried first; `max_ranked` feasible grasps are ranked.
         """
@@ -198,7 +198,7 @@ class RegionPlanner:
     def _best_first(
         self, found: RankedGrasps, stability: Array, feasibility: Feasibility, known: KnownRegion
     ) -> RankedGrasps:
-        """Return `found` by rank, without alike ones and those that no free path leads to."""
+        """Return `found` by rank, without alike grasps and grasps without a free approach path."""
         if not len(found):
             return found
         visible = visible_fraction(found.grasps, self.gripper, feasibility.scene)
@@ -207,14 +207,14 @@ class RegionPlanner:
         else:
             features = GraspFeatures(found, stability, visible, known)
             score = critic_score(features, self.critic, self.config.ranking)
-        # The more stable first where scores agree.
+        # At equal scores, the more stable grasp comes first.
         order = np.lexsort((-stability, -np.round(score, 6)))
         ranked = replace(found, rank_score=score)[order]
         near = self.config.ranking.nms_distance, self.config.ranking.nms_angle
         return ranked[non_maximum_suppression(ranked.grasps, *near, feasibility.has_free_path)]
 
     def _merged(self, first: RankedGrasps, second: RankedGrasps) -> RankedGrasps:
-        """Return the grasps of both, best first, without alike ones."""
+        """Return the grasps of both, best first, without alike grasps."""
         if not len(first) or not len(second):
             return first if len(first) else second
         both = RankedGrasps.concatenate([first, second])
@@ -224,7 +224,7 @@ class RegionPlanner:
 
 
 def _centredness(grasps: GraspPoses, region: RegionCloud) -> Array:
-    """Return (n,) 1 for grasps about the region's middle, less toward its rim."""
+    """Return the nearness (n,) of grasps to the region's middle: 1 there, less toward the rim."""
     centre = region.middle
     radius = quantiles(np.linalg.norm(region.points - centre, axis=1), MOST)
     off = np.linalg.norm(grasps.translation - centre, axis=1) / max(float(radius), 1e-3)

@@ -16,13 +16,13 @@ class RankedGrasps:
 
     Attributes:
         grasps: n grasps.
-        affordance: (n,) of the first contact.
+        affordance: (n,) affordance of the first contact.
         slot: (n,) symmetry slot, -1 without symmetry.
         source: (n,) `network`, `planar` or `random`, or a compared method.
         clearance: (n,) b of Eq. 8 in metres, capped.
         enclosed_height: (n,) h of Eq. 8 in metres, capped.
-        rank_score: (n,) the quality that the grasp critic expects (D. 82), or s of Eq. 8, less
-            where the camera does not see (D. 68).
+        rank_score: (n,) the grasp critic's expected quality (D. 82), or s of Eq. 8, reduced in
+            unseen space (D. 68).
     """
 
     grasps: GraspPoses

@@ -1,4 +1,4 @@
-"""Grasps with their quality; of a stream of them, a bounded sample and the best at each place."""
+"""Grasps with their quality, a bounded sample of a stream, and the best grasp at each place."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -36,8 +36,8 @@ class RatedGrasps:
         return cls(GraspPoses.concatenate([part.grasps for part in parts]), np.concatenate(quality))
 
 
-# Contact pairs as a file has them, in a third of the memory of grasps, their cells, and the numbers
-# by which cells are drawn.
+# Contact pairs as in a file, in a third of the memory of grasps, their cells, and the numbers for
+# drawing cells.
 PAIR = np.dtype(
     [
         ("contacts", "f4", (2, 3)),
@@ -50,23 +50,23 @@ PAIR = np.dtype(
 
 
 class GraspSample:
-    """The best grasp of each group with the same contacts, of a stream of any length.
+    """The best grasp of each group with the same contacts, in a stream of any length.
 
-    If there are more than `limit` groups, that many of them are drawn, each as likely as any
-    other: those whose hash is smallest. So what is kept depends neither on how many grasps of the
-    stream fell into a group nor on how it was cut into pieces.
+    If there are more than `limit` groups, `limit` of them are drawn with equal probability: the
+    groups with the smallest hashes. The sample depends neither on the number of grasps in a group
+    nor on the division of the stream into pieces.
     """
 
     def __init__(self, merge_distance: float, limit: int, seed: int) -> None:
         self._merge_distance, self._limit = merge_distance, limit
         self._seed = np.uint64(seed % 2**64)
         self._kept = [np.zeros(0, PAIR)]
-        self._sorted = 0  # of the kept, those that are distinct and best first
+        self._sorted = 0  # number of kept pairs that are distinct and best first
         self._cells: list[NDArray[np.uint64]] = []
-        self._last = np.uint64(2**64 - 1)  # no cell is drawn after it
+        self._last = np.uint64(2**64 - 1)  # no later cell is drawn
 
     def add(self, rated: RatedGrasps) -> None:
-        """Take in further grasps."""
+        """Add further grasps."""
         pairs = np.zeros(len(rated), PAIR)
         pairs["contacts"], pairs["approach"] = rated.grasps.contacts, rated.grasps.approach
         pairs["quality"] = rated.quality
@@ -74,18 +74,18 @@ class GraspSample:
         pairs["cell"], pairs["draw"] = cell, _hashed(cell ^ self._seed)
         self._cells.append(cell)
         self._kept.append(pairs[pairs["draw"] <= self._last])
-        # Merged when there is as much new as old: each pair is sorted a few times, not hundreds.
+        # Merge when new and old are equally many: each pair is sorted a few times, not hundreds.
         if sum(map(len, self._kept)) > 2 * max(self._sorted, self._limit // 4):
             self._merge()
 
     @property
     def num_distinct(self) -> int:
-        """How many groups of grasps with the same contacts the stream had."""
+        """Number of groups of grasps with the same contacts in the stream."""
         cells = np.sort(np.concatenate([np.zeros(0, np.uint64), *self._cells]))
         return len(cells[:1]) + int(np.count_nonzero(cells[1:] != cells[:-1]))
 
     def result(self) -> RatedGrasps:
-        """Return what is kept, best quality first."""
+        """Return the kept grasps, best quality first."""
         pairs = self._merge()
         return RatedGrasps(
             GraspPoses.from_contacts(pairs["contacts"].astype(np.float64), pairs["approach"]),
@@ -106,23 +106,22 @@ class GraspSample:
 
 
 def best_of_places(parts: Sequence[RatedGrasps], size: float) -> RatedGrasps:
-    """Return the best of `parts` at each place that a finger touches, best quality first.
+    """Return the best grasp of `parts` at each touched place, best quality first.
 
-    Places are cells of which no two points are `size` metres apart. What is kept says how well an
-    object can be held anywhere as all of them would, but for that distance; a sample would not, for
-    the best of few grasps is worse than the best of many. The parts of a stream may be taken in one
-    by one, each with what was kept of those before.
+    Places are cells smaller than `size` metres. Up to this distance, the kept grasps give the same
+    affordance as all grasps; a sample would not, as the best of few grasps is worse than the best
+    of many. A stream may be processed part by part, each with the grasps kept from earlier parts.
     """
     both = RatedGrasps.concatenate(parts)
     ranked = np.argsort(-both.quality, kind="stable")
     places = np.floor(both.grasps.contacts[ranked] / (size / np.sqrt(3.0))).astype(np.int64)
     cell = (places.astype(np.uint64) * CELL_FACTORS[:3]).sum(axis=2, dtype=np.uint64)
-    first = np.unique(cell.ravel(), return_index=True)[1] // 2  # two contacts a grasp
+    first = np.unique(cell.ravel(), return_index=True)[1] // 2  # two contacts per grasp
     return both[ranked[np.unique(first)]]
 
 
 def _hashed(numbers: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """Return numbers that look random and differ where `numbers` do (the end of SplitMix64)."""
+    """Return pseudo-random numbers, distinct for distinct `numbers` (the end of SplitMix64)."""
     mixed = (numbers ^ (numbers >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return np.asarray(mixed ^ (mixed >> np.uint64(31)))

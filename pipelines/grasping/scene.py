@@ -18,11 +18,11 @@ from pipelines.grasping.feasibility.limits import Limits
 from pipelines.tabletop.organized import smooth_normals
 from pipelines.tabletop.regions.pieces import box_of
 
-MAX_RANGE = 3.0  # metres; nothing farther is ever near a gripper
+MAX_RANGE = 3.0  # metres; points farther away never matter to a gripper
 NORMAL_RADIUS = 3  # pixels
-STRIDE = 3  # pixels: of those that are obstacles all over the scene
-NEVER_MET = 0.002  # metres over the table, where no gripper comes
-STRAY = 0.012  # metres from the median of the neighbours: a pixel between two surfaces
+STRIDE = 3  # pixels between the obstacles of the whole scene
+NEVER_MET = 0.002  # metres over the table that no gripper reaches
+STRAY = 0.012  # metres from the neighbours' median, from which a pixel is between surfaces
 
 
 @dataclass(frozen=True)
@@ -31,10 +31,10 @@ class SceneCloud:
 
     Attributes:
         depth: (H, W) metres, 0 where missing.
-        intrinsics: of the depth image.
-        plane: camera frame, normal to the camera's side; None where none is known.
-        limits: of grasps; None for none.
-        sensor: errors of the depth.
+        intrinsics: intrinsics of the depth image.
+        plane: support plane, camera frame, normal to the camera's side; None if unknown.
+        limits: limits of grasps; None without limits.
+        sensor: errors of the depth camera.
     """
 
     depth: Array
@@ -50,13 +50,13 @@ class SceneCloud:
 
     @cached_property
     def stray(self) -> Mask:
-        """(H, W) pixels that float between two surfaces, as depth sensors make at edges."""
+        """(H, W) stray pixels between two surfaces, which depth sensors produce at edges."""
         depth = np.asarray(self.depth, np.float32)
         return np.asarray(np.abs(cv2.medianBlur(depth, 5) - depth) > STRAY)
 
     @cached_property
     def coarse(self) -> Obstacles:
-        """The points of one pixel in `STRIDE` each way, without strays and those on the table."""
+        """The points of every `STRIDE`-th pixel each way, except strays and points on the table."""
         some = (slice(STRIDE // 2, None, STRIDE),) * 2
         points = self.xyz[some]
         points = points[(self.depth[some] > 0) & (points[..., 2] < MAX_RANGE) & ~self.stray[some]]
@@ -66,7 +66,7 @@ class SceneCloud:
 
     @cached_property
     def sides(self) -> Sides:
-        """First and last column, and row, that the camera measures."""
+        """First and last measured column, and row."""
         return measured_sides(self.depth)
 
     @property
@@ -82,7 +82,7 @@ class RegionCloud:
     Attributes:
         points: (n, 3) metres, camera frame.
         normals: (n, 3) unit, toward the camera.
-        mask: (H, W) the region's pixels; need not be those of `points` alone.
+        mask: (H, W) the region's pixels, which may be more than the pixels of `points`.
     """
 
     points: Array
@@ -91,7 +91,7 @@ class RegionCloud:
 
     @classmethod
     def from_mask(cls, mask: Mask, scene: SceneCloud) -> "RegionCloud":
-        """Return the region of the pixels `mask` (H, W), strays left out."""
+        """Return the region of the pixels `mask` (H, W), without strays."""
         rows, columns = box_of(mask)
         sound = mask[rows, columns] & (scene.depth[rows, columns] > 0)
         sound &= ~scene.stray[rows, columns]

@@ -1,8 +1,8 @@
 """Copy grasps across an object's symmetries (Sec. III-G, Fig. 6).
 
-The copies of a grasp are its images under a finite group: of one symmetry the mirror, the turns by
-equal angles, or the icosahedron's 60 turns for a sphere; of several, all products of these. So one
-call makes every copy, and a second one adds nothing.
+The copies of a grasp are its images under a finite group. For one symmetry, the group has the
+mirror, turns by equal angles, or for a sphere the icosahedron's 60 turns; for several symmetries,
+all products. So one call makes all copies, and a second call adds nothing.
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ from pipelines.geometry.symmetry import (
 from pipelines.geometry.transforms import make_pose, rotation_about, transform_points
 from pipelines.grasping.grasps import GraspPoses
 
-# A mirrored gripper is left-handed; with its fingers renamed it is a gripper again.
+# A mirrored gripper is left-handed; swapping its fingers makes it right-handed again.
 SWAP_FINGERS = np.diag([1.0, -1.0, 1.0])
 # Odd 64-bit numbers without a pattern: fractional parts of the roots of the first primes.
 CELL_FACTORS = np.array(
@@ -38,18 +38,18 @@ CELL_FACTORS = np.array(
     ],
     dtype=np.uint64,
 )
-LEAST_ORDER = 12  # mirrors and turns measured on scans are less than half such a step off
-STEP_SHARE = 0.51  # of a step: every turn about a continuous axis is within it of a copy's
+LEAST_ORDER = 12  # errors of mirrors and turns measured on scans are below half a step
+STEP_SHARE = 0.51  # of a step: every turn about a continuous axis is this near a copy
 MAX_GROUP = 288  # transforms; a continuous axis, a plane across it and one along it make 143
-MAX_COPIES = MAX_GROUP // 4  # of a turn: with a plane across the axis and one along it, four times
-CELL_SLACK = 0.9  # cells a little smaller than the merge distance, so that rounding cannot matter
+MAX_COPIES = MAX_GROUP // 4  # per turn; a plane across and a plane along the axis multiply by 4
+CELL_SLACK = 0.9  # cells are slightly smaller than the merge distance, against rounding
 
 
 def image(grasps: GraspPoses, isometry: ArrayLike) -> GraspPoses:
     """Return `grasps` under an `isometry` (4, 4) that maps the object onto itself, same frame.
 
-    Under a reflection the approach is mirrored and the fingers trade places, so each rotation
-    keeps determinant +1 and the contacts are the images of the old ones.
+    Under a reflection, the approach is mirrored and the fingers are swapped, so rotations keep
+    determinant +1 and the contacts are the images of the original contacts.
     """
     T = np.asarray(isometry, np.float64)
     rotation = T[:3, :3] @ grasps.rotation
@@ -59,7 +59,7 @@ def image(grasps: GraspPoses, isometry: ArrayLike) -> GraspPoses:
 
 
 def isometries(symmetry: Symmetry, copies_per_turn: int) -> Array:
-    """Return the (k, 4, 4) transforms of `symmetry`, the identity left out."""
+    """Return the transforms (k, 4, 4) of `symmetry` without the identity."""
     match symmetry:
         case ReflectionSymmetry():
             matrices = np.eye(3)[None] - 2.0 * np.outer(symmetry.normal, symmetry.normal)
@@ -70,20 +70,20 @@ def isometries(symmetry: Symmetry, copies_per_turn: int) -> Array:
         case SphereSymmetry():
             group = Rotation.create_group("I").as_matrix()
             matrices = group[~np.isclose(group, np.eye(3)).all(axis=(1, 2))]
-    return make_pose(matrices, symmetry.point - matrices @ symmetry.point)  # leaves it in place
+    return make_pose(matrices, symmetry.point - matrices @ symmetry.point)  # fixes the point
 
 
 def symmetry_group(symmetries: Sequence[Symmetry], copies_per_turn: int) -> Array:
-    """Return the (k, 4, 4) transforms that `symmetries` make together, the identity left out.
+    """Return the transforms (k, 4, 4) of the group of `symmetries`, without the identity.
 
-    Products are taken until nothing is new: the half turn of two crossed mirrors is one of them,
-    so what is copied by all of these once has every copy, and doing it again adds nothing.
-    A sphere stands for everything about its centre. Measured symmetries fit each other only so
-    far: a transform that turns within half a step of a known one is that one again, for all
-    symmetries of an object share its centre. Short products come first, at most MAX_GROUP.
+    Products are added until none is new, as the half turn of two crossed mirrors. So grasps copied
+    once by the group have all copies, and copying again adds nothing. A sphere replaces all
+    symmetries about its centre. Measured symmetries are inexact: a transform within half a step of
+    a known transform counts as the same, since all symmetries of an object share its centre. Short
+    products come first, at most MAX_GROUP.
 
     Raises:
-        ValueRangeError: `copies_per_turn` is above MAX_COPIES: groups would be cut.
+        ValueRangeError: `copies_per_turn` is above MAX_COPIES, which would truncate groups.
     """
     if not 1 <= copies_per_turn <= MAX_COPIES:
         raise ValueRangeError("copies per turn", copies_per_turn, f"1 to {MAX_COPIES}")
@@ -102,8 +102,8 @@ def symmetry_group(symmetries: Sequence[Symmetry], copies_per_turn: int) -> Arra
 
 
 def _new_transforms(products: Array, known: Array, angle: float) -> Array:
-    """Return those of `products` that turn by over `angle` from `known` and each other."""
-    reach = 2.0 * np.sqrt(2.0) * np.sin(angle / 2.0)  # between matrices that differ by that turn
+    """Return the `products` that differ by more than `angle` from `known` and each other."""
+    reach = 2.0 * np.sqrt(2.0) * np.sin(angle / 2.0)  # of matrices that differ by this angle
 
     def matrices(transforms: Array) -> Array:
         return transforms[:, :3, :3].reshape(-1, 9)
@@ -128,9 +128,9 @@ def copies_under(
 ) -> tuple[GraspPoses, Indices]:
     """Return copies of `grasps` under the transforms `group` (k, 4, 4), and their originals (m,).
 
-    A copy whose contacts lie within `merge_distance` metres of a grasp's, or of another copy's, is
-    left out. If there would be more than `max_copies`, each transform copies as many grasps,
-    drawn anew for each, so that no part of the object and no quality is favoured.
+    A copy with contacts within `merge_distance` metres of a grasp's or another copy's contacts is
+    left out. If there were more than `max_copies`, each transform copies equally many grasps, drawn
+    separately, so that no part of the object and no quality is favoured.
     """
     share, origin = max_copies // max(1, len(group)), np.arange(len(grasps))
     if len(grasps) <= share:
@@ -155,8 +155,8 @@ def distinct(grasps: GraspPoses, merge_distance: float) -> Indices:
 def cell_numbers(contacts: Array, merge_distance: float) -> NDArray[np.uint64]:
     """Return a number (n,) for each of `contacts` (n, 2, 3): the same for the same pair.
 
-    Contact pairs fall into cells of which the diagonal, in the six numbers of a pair, is a little
-    less than `merge_distance` metres: pairs of one cell are closer than that. The fingers' order
+    Contact pairs are sorted into cells; the diagonal of a cell, in the six numbers of a pair, is
+    slightly less than `merge_distance` metres, so pairs of a cell are closer. The fingers' order
     does not matter.
     """
     side = CELL_SLACK * merge_distance / np.sqrt(6.0)
@@ -165,14 +165,14 @@ def cell_numbers(contacts: Array, merge_distance: float) -> NDArray[np.uint64]:
     first = (difference != 0).argmax(axis=1)
     swap = np.take_along_axis(difference, first[:, None], axis=1)[:, 0] < 0
     cells[swap] = cells[swap][:, ::-1]
-    # One number a cell is sorted ten times faster than six; it wraps around, and two cells
+    # One number per cell is sorted ten times faster than six. Numbers wrap around, and two cells
     # share a number once in 10^19.
     numbers = cells.reshape(-1, 6).astype(np.uint64) * CELL_FACTORS
     return np.asarray(numbers.sum(axis=1, dtype=np.uint64))
 
 
 def _near(grasps: GraspPoses, others: GraspPoses, distance: float) -> Mask:
-    """Return which `grasps` have the contacts of one of `others`, fingers in either order."""
+    """Return a mask of `grasps` with the contacts of one of `others`, in either finger order."""
     either = np.stack([grasps.contacts, grasps.contacts[:, ::-1]]).reshape(2, -1, 6)
     tree = KDTree(others.contacts.reshape(-1, 6))
     reach = tree.query(either, distance_upper_bound=distance)[0]

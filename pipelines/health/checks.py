@@ -1,4 +1,4 @@
-"""One thing that was looked at, and what was found."""
+"""Result of one check, and the protection of checks against errors."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class Status(StrEnum):
-    """How a thing is: as it should be, worth knowing, or to be mended."""
+    """Result of a check: correct, worth knowing, or to be repaired."""
 
     OK = "ok"
     WARN = "warn"
@@ -15,7 +15,7 @@ class Status(StrEnum):
 
 @dataclass(frozen=True)
 class Check:
-    """What was found of one thing, in one sentence."""
+    """Name, result and finding of one check; the finding is one sentence."""
 
     name: str
     status: Status
@@ -26,10 +26,9 @@ Look = Callable[[], Check]
 
 
 def looked_at(name: str, look: Look) -> Check:
-    """Return what `look` finds; whatever it raises is what is wrong with the thing.
+    """Return the check that `look` makes; an error that `look` raises becomes a failed check.
 
-    A machine on which something is broken can raise anything anywhere, and the other things are to
-    be looked at all the same.
+    On a broken machine any check can raise any error, and the other checks must still run.
     """
     try:
         return look()

@@ -1,4 +1,4 @@
-"""Whether the default weights are those shipped, and give the grasps that they should."""
+"""Checks that the default weights are the shipped ones and give the expected grasps."""
 
 import time
 from pathlib import Path
@@ -27,7 +27,7 @@ FRAMES = models.WEIGHTS / "frames"
 
 
 def manifest_check(folder: Path = models.WEIGHTS) -> tuple[Manifest | None, Check]:
-    """Return the manifest of the weights, None if it cannot be read, and what is found of it."""
+    """Return the manifest of the weights, None if it cannot be read, and its check."""
     path = manifest_path(folder)
     try:
         manifest = read_manifest(path)
@@ -37,7 +37,7 @@ def manifest_check(folder: Path = models.WEIGHTS) -> tuple[Manifest | None, Chec
 
 
 def file_check(name: str, expected: str, folder: Path = models.WEIGHTS) -> Check:
-    """Say whether a shipped file is what it was when it was shipped."""
+    """Check that a file of the weights has the digest of the shipped file."""
     path, title = folder / name, f"weights {Path(name).stem}"
     if not path.is_file():
         return Check(title, Status.FAIL, f"{path} does not exist; install symgrasp again")
@@ -53,8 +53,8 @@ def golden_check(
 ) -> Check:
     """Find grasps in the golden frame and compare them with those expected.
 
-    A GPU samples other points of a region than a CPU (D. 62), so that what differs there is worth
-    knowing but nothing to mend.
+    A GPU samples other points of a region than a CPU (D. 62), so differences on a GPU are worth
+    knowing, but no fault.
     """
     name = title(device)
     started = time.monotonic()
@@ -69,17 +69,17 @@ def golden_check(
     if agreeing >= config.min_agreeing * total:
         return Check(name, Status.OK, f"{text}; {seconds:.1f} s, loading included")
     if device != "cpu":
-        return Check(name, Status.WARN, f"{text}; a GPU looks at other points")
-    return Check(name, Status.FAIL, f"{text}; after a change that is meant, run {MADE_BY}")
+        return Check(name, Status.WARN, f"{text}; a GPU samples other points")
+    return Check(name, Status.FAIL, f"{text}; after an intended change, run {MADE_BY}")
 
 
 def title(device: str) -> str:
-    """Return what the comparison on a device is called."""
+    """Return the name of the comparison on a device."""
     return "golden frame" if device == "cpu" else f"golden frame {device}"
 
 
 def golden_result(frame_name: str, device: str = "cpu", folder: Path = FRAMES) -> FrameResult:
-    """Return what `infer` finds in a shipped frame with the default weights and settings.
+    """Return the result of `infer` on a shipped frame with the default weights and settings.
 
     Raises:
         SymgraspError: the frame or the weights are missing or damaged.
@@ -111,9 +111,9 @@ def best_grasps(result: FrameResult) -> GoldenGrasps:
 
 
 def agree(found: GoldenGrasps, expected: GoldenGrasps, config: DoctorConfig) -> Mask:
-    """Return, for each expected grasp, whether one that was found is the same within `config`.
+    """Return, for each expected grasp, whether a found grasp is the same within `config`.
 
-    The hand is symmetric: turned by half a turn about its approach it is the same grasp.
+    The gripper is symmetric: a grasp turned by 180 degrees about its approach axis is the same.
     """
     shift = np.linalg.norm(found.translation[:, None] - expected.translation, axis=2)
     wider = np.abs(found.width[:, None] - expected.width)

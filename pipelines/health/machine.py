@@ -1,4 +1,4 @@
-"""Cores, memory and disk of this machine, as far as this process may use them."""
+"""Cores, memory and disk of this machine that this process may use."""
 
 import os
 import shutil
@@ -12,8 +12,8 @@ GIGA = 1e9
 
 
 def cores_check() -> Check:
-    """Say how many cores this process may use."""
-    from joblib import cpu_count  # noqa: PLC0415 - may be what is broken
+    """Report how many cores this process may use."""
+    from joblib import cpu_count  # noqa: PLC0415 - may be broken
 
     usable, present = cpu_count(), os.cpu_count() or 1
     text = f"{usable} usable" if usable == present else f"{usable} of {present} usable"
@@ -22,18 +22,18 @@ def cores_check() -> Check:
 
 
 def rays_check() -> Check:
-    """Say by which search rays are cast."""
+    """Report which search casts the rays."""
     from pipelines.geometry.meshes.ray_search import has_embree  # noqa: PLC0415 - may be broken
 
-    slower = "by a tree of our own, without embreex: two to five times slower, the same hits"
+    slower = "by a tree of boxes, without embreex: two to five times slower, the same hits"
     return Check("rays", Status.OK, "by Embree" if has_embree() else slower)
 
 
 def memory_check(least: float) -> Check:
-    """Say how much memory is free; less than `least` bytes is worth knowing."""
+    """Report the free memory; warn below `least` bytes."""
     free = free_memory()
     if free is None:
-        return Check("memory", Status.OK, "this system does not say how much is free")
+        return Check("memory", Status.OK, "this system does not report the free memory")
     text = f"{free / GIGA:.1f} GB free"
     if free < least:
         return Check("memory", Status.WARN, f"{text}; infer may need {least / GIGA:.0f} GB")
@@ -41,18 +41,18 @@ def memory_check(least: float) -> Check:
 
 
 def disk_check(folder: Path, least: float) -> Check:
-    """Say how much room the disk of `folder` has; less than `least` bytes is worth knowing."""
+    """Report the free space on the disk of `folder`; warn below `least` bytes."""
     free = shutil.disk_usage(folder).free
     text = f"{free / GIGA:.1f} GB free at {folder}"
     if free < least:
-        return Check("disk", Status.WARN, f"{text}; results need room, {least / GIGA:.0f} GB")
+        return Check("disk", Status.WARN, f"{text}; results may need {least / GIGA:.0f} GB")
     return Check("disk", Status.OK, text)
 
 
 def free_memory(
     memory_info: Path = MEMORY_INFO, control_group: Path = CONTROL_GROUP
 ) -> float | None:
-    """Return the bytes that can be had, within the limit of a container; None where unknown."""
+    """Return the available bytes, within the limit of a container; None if unknown."""
     rooms = [_available(memory_info), _left_of_limit(control_group)]
     return min((room for room in rooms if room is not None), default=None)
 

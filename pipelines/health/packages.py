@@ -1,4 +1,4 @@
-"""Packages that the project needs: whether they are there, new enough, and load."""
+"""Checks that required packages are installed, new enough, and can be loaded."""
 
 import platform
 import re
@@ -16,15 +16,15 @@ from packaging.version import Version
 from pipelines.health.checks import Check, Status
 
 PROJECT = "symgrasp"
-DEVELOPMENT = "dev"  # the extra that only the project itself needs
-EXTRA = re.compile(r"extra == \"(?P<name>[\w-]+)\"")  # of a marker
-# What torchvision raises where its operators were built for another torch.
+DEVELOPMENT = "dev"  # the extra for developers of the project
+EXTRA = re.compile(r"extra == \"(?P<name>[\w-]+)\"")  # in a marker
+# Errors of a torchvision whose operators were built for another torch.
 FOREIGN_OPERATORS = re.compile(r"operator torchvision::\w+ does not exist|torchvision has CUDA")
 
 
 @dataclass(frozen=True)
 class Requirement:
-    """A package that the project names: at least which version, and for which extra."""
+    """A package that the project requires, its least version, and the extra that needs it."""
 
     name: str
     least: str
@@ -34,7 +34,7 @@ class Requirement:
     def parse(cls, text: str) -> "Requirement | None":
         """Read a line of the project's metadata, `h5py>=3.10` or `ray>=2.30; extra == "ray"`.
 
-        None if it is not for this machine, as `embreex>=2; platform_machine != "aarch64"`.
+        None if the line is for other machines, as `embreex>=2; platform_machine != "aarch64"`.
         """
         line = requirements.Requirement(text)
         found = EXTRA.search(str(line.marker))
@@ -46,33 +46,33 @@ class Requirement:
 
 
 def required() -> list[Requirement]:
-    """Return what the installed project says it needs, the tools of its developers left out."""
+    """Return the requirements of the installed project, without those for developers."""
     try:
         texts = metadata.requires(PROJECT) or []
-    except metadata.PackageNotFoundError:  # `project_check` says so
+    except metadata.PackageNotFoundError:  # `project_check` reports it
         texts = []
     found = map(Requirement.parse, texts)
     return [each for each in found if each is not None and each.extra != DEVELOPMENT]
 
 
 def python_check() -> Check:
-    """Say which Python runs on what."""
+    """Report the version and platform of Python."""
     where = f"{platform.python_implementation()}, {platform.system()} {platform.machine()}"
     return Check("python", Status.OK, f"{platform.python_version()}, {where}")
 
 
 def project_check() -> Check:
-    """Say which version of the project runs, and from where."""
+    """Report the project's version and folder."""
     where = import_module("pipelines").__path__[0]
     try:
         return Check(PROJECT, Status.OK, f"{metadata.version(PROJECT)} in {where}")
     except metadata.PackageNotFoundError:
-        text = f"runs from {where} but is not installed, so what it needs is unknown"
+        text = f"runs from {where} but is not installed, so its requirements are unknown"
         return Check(PROJECT, Status.FAIL, f"{text}; run: pip install {Path(where).parent}")
 
 
 def package_check(needed: Requirement) -> Check:
-    """Say whether a required package is there, new enough, and loads."""
+    """Check that a required package is installed, new enough, and can be loaded."""
     install = f"run: pip install '{needed.name}>={needed.least}'"
     version = _version(needed.name)
     if version is None:
@@ -88,9 +88,9 @@ def package_check(needed: Requirement) -> Check:
 
 
 def extra_checks(needed: list[Requirement]) -> Iterator[Check]:
-    """Say which optional packages are there; none of them has to be."""
+    """Report which optional packages are installed; none is required."""
     for extra, packages in groupby(needed, key=lambda each: each.extra):
-        install = f'where it is wanted: pip install "{PROJECT}[{extra}]"'
+        install = f'if needed: pip install "{PROJECT}[{extra}]"'
         found = {each.name: _version(each.name) for each in packages}
         text = ", ".join(f"{name} {version or 'is missing'}" for name, version in found.items())
         yield Check(
@@ -115,7 +115,7 @@ def _modules_of_packages() -> dict[str, list[str]]:
 
 
 def _modules(package: str) -> list[str]:
-    """Return the modules to load of a package: its namesake, else all that are public."""
+    """Return the modules of a package to load: the one of the same name, else all public ones."""
     name = canonicalize_name(package)
     modules = _modules_of_packages().get(name, [])
     namesake = [module for module in modules if canonicalize_name(module) == name]
@@ -123,7 +123,7 @@ def _modules(package: str) -> list[str]:
 
 
 def foreign_torchvision(error: Exception) -> str | None:
-    """Return the sentence on `error` where torchvision was built for another torch, else None."""
+    """Return a sentence if `error` shows a torchvision built for another torch, else None."""
     sentence = " ".join(str(error).split())
     if not FOREIGN_OPERATORS.search(sentence):
         return None

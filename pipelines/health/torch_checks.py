@@ -1,4 +1,4 @@
-"""Whether torch and torchvision compute what they should, on the CPU and on each GPU."""
+"""Checks that torch and torchvision compute correct results, on the CPU and on each GPU."""
 
 import shutil
 import subprocess
@@ -19,20 +19,20 @@ def operator_check(device: str = "cpu") -> Check:
     name = "operators" if device == "cpu" else f"operators {device}"
     boxes = torch.tensor([[0.0, 0, 10, 10], [1, 1, 11, 11], [20, 20, 30, 30]], device=device)
     scores = torch.tensor([0.9, 0.8, 0.7], device=device)
-    # The first two overlap by 0.68 of what they cover together.
+    # The first two boxes have an intersection over union of 0.68.
     if nms(boxes, scores, 0.5).tolist() != [0, 2]:
         return Check(name, Status.FAIL, "torchvision's nms keeps the wrong boxes; install it again")
     y, x = torch.meshgrid(torch.arange(8.0), torch.arange(8.0), indexing="ij")
     region = torch.tensor([[0.0, 1, 1, 5, 5]], device=device)
-    # Of a slope each cell's mean is the slope's value in its middle.
+    # On a linear slope, each cell's mean is the value at the cell's middle.
     found = roi_align((x + 10 * y)[None, None].to(device), region, 2, aligned=True)[0, 0].cpu()
     if not torch.allclose(found, torch.tensor([[16.5, 18.5], [36.5, 38.5]])):
         return Check(name, Status.FAIL, "torchvision's roi_align is wrong; install it again")
-    return Check(name, Status.OK, "torchvision's nms and roi_align give what they should")
+    return Check(name, Status.OK, "torchvision's nms and roi_align give correct results")
 
 
 def gpu_checks(max_error: float) -> Iterator[Check]:
-    """Say which GPUs are there, and compare a product of matrices on each with the CPU's.
+    """Report the GPUs, and compare a product of matrices on each GPU with the CPU's.
 
     `max_error`: the largest difference, relative to the largest number of the product.
     """
@@ -71,7 +71,7 @@ def product_check(device: str, driver: str, max_error: float) -> Check:
 
 
 def product_error(device: str) -> float:
-    """Return how far a product of matrices is off, relative to its largest number."""
+    """Return the error of a product of matrices, relative to its largest number."""
     import torch  # noqa: PLC0415 - slow to load
 
     generator = torch.Generator().manual_seed(0)
@@ -97,7 +97,7 @@ def _without_gpu() -> Check:
 
 
 def _smi(query: str) -> list[str]:
-    """Return what nvidia-smi says of each GPU, nothing where there is no such tool or no GPU."""
+    """Return nvidia-smi's answer for each GPU; nothing without the tool or a GPU."""
     tool = shutil.which("nvidia-smi")
     if tool is None:
         return []
@@ -106,6 +106,6 @@ def _smi(query: str) -> list[str]:
         said = subprocess.run(
             command, capture_output=True, text=True, timeout=SMI_SECONDS, check=True
         )
-    except (OSError, subprocess.SubprocessError):  # it fails where there is no driver
+    except (OSError, subprocess.SubprocessError):  # nvidia-smi fails without a driver
         return []
     return [line.strip() for line in said.stdout.splitlines() if line.strip()]

@@ -1,9 +1,9 @@
-"""Doubt of an annotation: how near its decisions were to the opposite ones (D. 42).
+"""Doubt of an annotation: how near its decisions were to the opposite decisions (D. 42).
 
 Every accepted symmetry and every rejected candidate is measured again on new samples. Its strain is
 the factor on the annotator's limits with which the symmetry would just hold: up to 1 it holds. The
-doubt of an accepted symmetry is its strain, that of a rejected candidate 1 / strain; the doubt of
-an object is that of its most doubtful decision.
+doubt is the strain for an accepted symmetry and 1 / strain for a rejected candidate; an object has
+the doubt of its most doubtful decision.
 """
 
 from bisect import bisect_left
@@ -33,7 +33,7 @@ SAME_COSINE = float(np.cos(np.radians(7.0)))
 SAME_OFFSET = 0.03  # of the diameter
 STRAINS = np.geomspace(1 / 32, 32, 513).tolist()  # steps of 1.4 %
 NUM_MEASURED, NUM_REPORTED = 5, 3  # rejected candidates
-LIKELY = 0.5  # nearness from which a sphere, for which there is no search, is reported
+LIKELY = 0.5  # nearness from which a sphere is reported, since spheres are not searched
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Measure:
     """The fit of one symmetry to a mesh."""
 
     strain: float  # factor on the limits with which the symmetry would just hold; up to 1 it holds
-    error: float  # dense symmetry error of the surface against its image, the worst of its images
+    error: float  # dense symmetry error of the surface against its worst image
     # smallest over largest misfit of the turns about a continuous axis: near 0 for a polygon,
     # which fits at some angles only; 1 for other symmetries
     roundness: float = 1.0
@@ -49,7 +49,7 @@ class Measure:
 
 @dataclass(frozen=True)
 class Assessment:
-    """The doubt of an object, 0 to 1, and its rejected candidates, the nearest to holding first."""
+    """The doubt of an object, 0 to 1, and its rejected candidates, the likeliest first."""
 
     doubt: float
     rejected: tuple[Symmetry, ...]
@@ -65,7 +65,7 @@ class Gauge:
 
     @classmethod
     def of(cls, mesh: Mesh, config: AnnotateSymmetryConfig, rng: np.random.Generator) -> "Gauge":
-        """Sample `mesh` independently of the samples on which its symmetries were found."""
+        """Sample `mesh` independently of the samples used in detection."""
         coarser = replace(
             config,
             num_samples=min(NUM_SURFACE, config.num_samples),
@@ -112,7 +112,7 @@ class Gauge:
             center, _ = robust_sphere(self.shape.samples.points)
             others.append(self.pose.given(SphereSymmetry(self.shape.to_mesh(center))))
         measures = [self.measure(symmetry) for symmetry in others]
-        # How near each is to holding, 0 to 1.
+        # Nearness of each candidate to holding, 0 to 1.
         near = [min(1.0 / max(each.strain, 1.0), each.roundness) for each in measures]
         reported = [
             replace(others[index], error=measures[index].error)
@@ -131,7 +131,7 @@ class Gauge:
         return Measure(strain, max(fit.error for fit in fits))
 
     def _implies(self, known: Symmetry, candidate: Symmetry) -> bool:
-        """Return whether `candidate` is nearly `known`, or follows from it."""
+        """Return whether `candidate` is nearly `known`, or follows from `known`."""
         between = candidate.point - known.point
         reach = SAME_OFFSET * self.shape.size * self.pose.size
         match known, candidate:

@@ -5,8 +5,8 @@ axis of its body misses by 0.3 % on average, but by more than 6 % at the 99th pe
 symmetry holds if mean, 95th and 99th percentile are small and the normals agree.
 
 Two causes of distance do not count. Noise: its part is subtracted in quadrature, and normals need
-not agree better than those of neighbours on the surface. Holes: the surface beyond an open rim is
-unknown, so samples whose image lands there are left out, unless they are too many.
+not agree better than normals of neighbours on the surface. Holes: the surface beyond an open rim is
+unknown, so samples with an image beyond a rim are left out, unless there are too many.
 Normalised coordinates: origin at the surface's centroid, unit diameter.
 """
 
@@ -21,21 +21,21 @@ from pipelines.geometry.transforms import rotation_about
 from pipelines.mesh_symmetry.detection.surface import AGREEING_COSINE, Surface
 from pipelines.mesh_symmetry.parts.open_boundary import cut_off, linked
 
-# The worst of these decides whether a rotation is continuous; no n-gon up to 12 fits them all.
+# The worst angle decides whether a rotation is continuous; no n-gon up to 12 fits all angles.
 VERIFICATION_ANGLES = tuple(np.radians([25.0, 47.0, 77.0, 104.0, 131.0, 155.0, 180.0]))
 # Of the diameter: excludes the plane of a flat sheet, which is its own mirror image.
 MIN_DISPLACEMENT = 0.004
 HOPELESS = 2.0  # times the limit of the mean
-MAX_DISTANCE = 0.15  # of the diameter; larger distances count as this
+MAX_DISTANCE = 0.15  # of the diameter; cap of distances
 SUPPORT_DISTANCE = 0.012  # of the diameter
 SUPPORT_COSINE = AGREEING_COSINE  # between the normals of image and surface
 
 # An octagonal column fits at 45 degrees and misses at 22; a dented can misses at all angles alike.
 ROUND_MEAN, _ROUND_RATIO = 0.002, 3.0
-# Of the width: misses of round objects stay below 1 %, those of ovals begin at 2.5 %.
+# Of the width: misses of round objects stay below 1 %, misses of ovals begin at 2.5 %.
 _ROUND_ERROR = 0.017
 # A noisy marker with a clip is 0.25 wide and misses by 0.042 of 0.044, 0.17 of its width; turned
-# bodies of revolution miss by 0.05 of theirs, a slim pen with a hole by 0.12.
+# bodies of revolution miss by 0.05 of their width, a slim pen with a hole by 0.12.
 SLIM_WIDTH, SLIMMEST = 0.33, 0.7  # of the diameter; least factor on the limit of slim objects
 MAX_FEATURE = 0.14  # of the width
 TURN_P99 = 1.2  # times the limit of planes: a dented jar with a hole misses by 0.051 of 0.044
@@ -46,7 +46,7 @@ _NOISE_MEAN, _NOISE_P95, _NOISE_P99, _NOISE_P995 = 1.13, 2.77, 3.64, 3.97
 # Loose parts on 1 % of a box miss by 0.067 to 0.080, real objects by up to 0.054.
 MAX_P995 = 0.06
 _RIM_REACH = 1.5  # sample spacings from a rim within which an image is at the rim
-_RIM_SLACK = 0.5  # of that reach, by which the rim may be farther than the surface
+_RIM_SLACK = 0.5  # of _RIM_REACH, by which the rim may be farther than the surface
 
 
 @dataclass(frozen=True)
@@ -74,16 +74,16 @@ class Samples:
 class SurfaceFit:
     """Distances of a surface's image from the surface, as shares of the diameter.
 
-    Samples whose image lands beyond a rim are left out, except from `unseen` and `loss`.
+    Samples with an image beyond a rim are left out, except from `unseen` and `loss`.
     """
 
     mean: float
     p95: float
     p99: float
     p995: float
-    agreement: float  # share of samples with image near the surface and normals that agree
-    displacement: float  # of the sample that moves farthest
-    reach: float  # its displacement by half a turn
+    agreement: float  # share of samples with an image near the surface and agreeing normals
+    displacement: float  # largest displacement of a sample
+    reach: float  # largest displacement by half a turn
     unseen: float  # share of samples with image beyond a rim
     noise: float  # standard deviation of the surface from a smooth one
     own_agreement: float  # share of neighbouring samples whose normals agree
@@ -95,9 +95,9 @@ class SurfaceFit:
         return self._is_within(config, mean) and self.miss <= config.max_error * self.reach
 
     def may_turn(self, config: AnnotateSymmetryConfig) -> bool:
-        """Return whether a turn of a body of revolution may miss like this at one angle.
+        """Return whether the misses are allowed for one turn of a body of revolution.
 
-        Left to all angles together: whether misses are small beside the width, and normals agree.
+        All angles together decide whether misses are small for the width, and normals agree.
         """
         return self._is_within(config, config.max_axis_mean, TURN_P99, LEAST_AGREEMENT)
 
@@ -108,7 +108,7 @@ class SurfaceFit:
         p99_room: float = 1.0,
         agreement_share: float = 1.0,
     ) -> bool:
-        """Return whether misses and normals keep to the limits, two of them by factors."""
+        """Return whether misses and normals are within the limits, two limits with factors."""
         return (
             self.miss <= max_mean
             and self.excess(self.p95, _NOISE_P95) <= config.max_p95
@@ -120,16 +120,16 @@ class SurfaceFit:
         )
 
     def is_small_beside_width(self, config: AnnotateSymmetryConfig) -> bool:
-        """Return whether a turn misses little beside the width, everywhere: no clip, no bend."""
+        """Return whether a turn's misses are small for the width everywhere: no clip, no bend."""
         has_feature = self.excess(self.p99, _NOISE_P99) > MAX_FEATURE * self.reach
         return self.miss <= config.max_error * self.reach and not has_feature
 
     def excess(self, statistic: float, of_noise: float) -> float:
-        """Return `statistic` without the part of noise; `of_noise`: its value for unit noise."""
+        """Return `statistic` without the part of noise; `of_noise`: statistic of unit noise."""
         return float(np.sqrt(max(statistic**2 - (of_noise * self.noise) ** 2, 0.0)))
 
     def is_hopeless(self, config: AnnotateSymmetryConfig) -> bool:
-        """Return whether the misfit is so large that more samples are not worth a try."""
+        """Return whether the misfit is so large that more samples are useless."""
         return self.miss > HOPELESS * max(config.max_mean, config.max_axis_mean)
 
     @property
@@ -139,7 +139,7 @@ class SurfaceFit:
 
     @property
     def _slimness(self) -> float:
-        """Factor on the limit of the worst misses: a marker's clip is small, but not beside it."""
+        """Factor on the limit of the worst misses, since a clip is large for a slim marker."""
         return float(np.clip(self.reach / SLIM_WIDTH, SLIMMEST, 1.0))
 
     @property
@@ -171,7 +171,7 @@ def turn_samples(samples: Samples, axis: Array, center: Array, angle: float) -> 
 def fit_of(surface: Surface, before: Samples, image: Samples, angle: float = np.pi) -> SurfaceFit:
     """Measure the fit of `image`, the image of the samples `before`, to `surface`.
 
-    `angle`: of the turn, radians; pi for a mirror image.
+    `angle`: angle of the turn, radians; pi for a mirror image.
     """
     distance, normals = surface.distances(image.points, reach=MAX_DISTANCE)
     cosine = np.abs(np.einsum("nd,nd->n", normals, image.normals))
@@ -202,7 +202,7 @@ def _unseen(surface: Surface, before: Samples, image: Samples, distance: Array) 
         return np.zeros(len(distance), dtype=bool)
     reach = _RIM_REACH * before.spacing
     to_rim = surface.rim.distances(image.points, MAX_DISTANCE + reach)
-    # Farther out than distances are measured the rim counts as nearest.
+    # Beyond the cap of distances, the rim counts as nearest.
     is_nearest = (to_rim <= distance + _RIM_SLACK * reach) | (distance >= MAX_DISTANCE)
     return cut_off(missed, to_rim < reach, is_nearest, before.links)
 

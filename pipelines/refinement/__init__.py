@@ -1,1 +1,1 @@
-"""Symmetric copies of annotated grasps, with contacts found anew."""
+"""Symmetric copies of annotated grasps, with newly computed contacts."""

@@ -1,6 +1,6 @@
-"""Symmetric copies of grasps, by an object's symmetries and then by its regions' (D. 2).
+"""Symmetric copies of grasps, by the symmetries of an object and then of its regions (D. 2).
 
-And the affordance of its surface, from these.
+Also the affordance of the object's surface, from the copies.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,17 +22,17 @@ from pipelines.mesh_symmetry.detection.surface import Surface
 from pipelines.metrics.contacts import close_fingers
 from pipelines.metrics.force_closure import min_friction, on_grid
 
-SAMPLE_SPACINGS = 6.0  # farther than any point of the surface is from its nearest sample
+SAMPLE_SPACINGS = 6.0  # more than the distance of any surface point from its nearest sample
 PLACE_SHARE = 0.5  # of the contact radius; only the best grasp of a cell of this size is copied
-NUM_LEVELS = 64  # more distinct qualities than this are rounded down to as many
+NUM_LEVELS = 64  # more distinct qualities are rounded down to this number
 
 
 @dataclass(frozen=True)
 class Copier:
     """Copy grasps across an object's symmetries, object frame.
 
-    The object's symmetries copy every grasp. Those of a region copy the grasps with both contacts
-    on the region, including copies by the object's symmetries.
+    The object's symmetries copy every grasp. A region's symmetries copy the grasps with both
+    contacts on the region, including copies by the object's symmetries.
     """
 
     mesh: Mesh
@@ -41,7 +41,7 @@ class Copier:
     config: RefineGraspsConfig
 
     def with_copies(self, rated: RatedGrasps, rng: np.random.Generator) -> tuple[RatedGrasps, int]:
-        """Return `rated` followed by its copies that hold, and the number of copies that do not."""
+        """Return `rated` followed by its valid copies, and the number of invalid copies."""
         rated, dropped = self._copied(rated, self.symmetries.symmetries, rng)
         for inside, own in self._regions():
             part = rated[self._touches(rated, inside)]
@@ -51,7 +51,7 @@ class Copier:
         return rated, dropped
 
     def affordance(self, points: Array, rated: RatedGrasps) -> tuple[Array, Array]:
-        """Return the affordance (n,) of `points` (n, 3) from `rated` alone, and with all copies."""
+        """Return affordances (n,) of `points` (n, 3) from `rated` alone, and with all copies."""
         before = point_affordance(
             points, rated.grasps.contacts, rated.quality, self.config.contact_radius
         )
@@ -65,7 +65,7 @@ class Copier:
     def _spread(
         self, points: Array, known: Array, rated: RatedGrasps, symmetries: Sequence[Symmetry]
     ) -> Array:
-        """Return the affordance (n,): the better one of `known` and that of copies of `rated`."""
+        """Return the affordance (n,): the larger of `known` and the affordance of copies."""
         after, radius = known.copy(), self.config.contact_radius
         for T in symmetry_group(symmetries, self.config.copies_per_turn):
             # A grasp no better than the affordance of every point need not be copied.
@@ -79,7 +79,7 @@ class Copier:
         return after
 
     def _everywhere(self, rated: RatedGrasps) -> RatedGrasps:
-        """Return `rated` and its copies by the object's symmetries, the best of each place."""
+        """Return the best grasp of each place among `rated` and its copies by the object."""
         size = self.config.contact_radius * PLACE_SHARE
         best = best_of_places([rated], size)
         for T in symmetry_group(self.symmetries.symmetries, self.config.copies_per_turn):
@@ -113,7 +113,7 @@ class Copier:
         return RatedGrasps.concatenate([rated, held]), len(grasps) - len(held)
 
     def _held(self, copies: RatedGrasps) -> RatedGrasps:
-        """Return the copies that hold on the mesh, or lie near it, since scans are not exact."""
+        """Return the copies that are valid on the mesh, or near it, since scans are not exact."""
         if self.config.validate_copies:
             return _validated(copies, self.mesh, self.config)
         limit = self.config.max_surface_gap
@@ -125,10 +125,10 @@ class Copier:
 
 
 def _validated(copies: RatedGrasps, mesh: Mesh, config: RefineGraspsConfig) -> RatedGrasps:
-    """Return the copies that hold on the mesh, with exact contacts and their own friction.
+    """Return the copies that are valid on the mesh, with exact contacts and measured friction.
 
     The fingers close from `max_surface_gap` outside of each contact and must meet the surface
-    within the same distance of it. Friction is rounded up to the grid of the labels.
+    within the same distance of the contact. Friction is rounded up to the grid of the labels.
     """
     gap, grasps = config.max_surface_gap, copies.grasps
     opened = GraspPoses(grasps.rotation, grasps.translation, grasps.width + 2.0 * gap)
@@ -141,7 +141,7 @@ def _validated(copies: RatedGrasps, mesh: Mesh, config: RefineGraspsConfig) -> R
 
 
 def _is_listed(symmetry: Symmetry, listed: Sequence[Symmetry]) -> bool:
-    """Return whether `symmetry` is one of `listed`: the whole's region repeats the object's."""
+    """Return whether `symmetry` is in `listed`: a region of the whole repeats the object's."""
     return any(
         symmetry.kind == other.kind
         and np.allclose(symmetry.point, other.point)
@@ -164,9 +164,9 @@ def closed_contacts(mesh: Mesh, opened: GraspPoses) -> tuple[Array, Indices, Arr
 def point_affordance(
     points: ArrayLike, contacts: ArrayLike, quality: ArrayLike, radius: float
 ) -> Array:
-    """Return (n,) the best quality of the pairs with one contact within `radius` of each point.
+    """Return the best quality (n,) of the pairs with a contact within `radius` of each point.
 
-    So well can the object be held with one finger there (D. 9); 0 where no contact reaches.
+    This is the quality of holding the object with one finger there (D. 9); 0 without a contact.
 
     Args:
         points: (n, 3) metres.

@@ -1,8 +1,7 @@
 """Endless training regions: new scenes, views, sensor noise and mask errors of labelled objects.
 
 The labels of objects are made once, by `annotate-symmetry` and `refine-grasps`; a scene takes a
-fraction of a second, so none is used twice. Objects of the pools that evaluations keep unseen are
-left out.
+fraction of a second, so no scene is used twice. Objects of pools for evaluation are left out.
 """
 
 from collections.abc import Mapping, Sequence
@@ -37,7 +36,7 @@ from pipelines.synthesis.scenes.tables import SceneLayout, SceneObject, backgrou
 from pipelines.tabletop.levelling import table_row
 from pipelines.tabletop.mask_noise import MaskFaults, MaskNoise
 
-ENDLESS = 1_000_033  # separates these draws from those of datasets and trainings with equal seed
+ENDLESS = 1_000_033  # separates these draws from draws of datasets and trainings with the same seed
 ATTEMPTS = 8
 MARGIN = 24  # pixels rendered around the objects, into which masks may leak
 OCCLUDER_REACH = (0.35, 0.75)  # of the distance from the camera to an object
@@ -59,9 +58,9 @@ def scene_generator(seed: int, scene: int) -> np.random.Generator:
 
 
 def trainable_objects(root: GraspNetRoot) -> list[int]:
-    """Return the ids of the objects that no evaluation keeps unseen.
+    """Return the ids of the objects that are not reserved for evaluation.
 
-    Taken from `objects.json` or, without that file, from the scenes of the train split.
+    The ids are from `objects.json` or, without this file, from the scenes of the train split.
 
     Raises:
         SymgraspError: there are no such objects.
@@ -110,7 +109,7 @@ class EndlessScenes:
 
     @classmethod
     def of_root(cls, root: Path, config: EndlessConfig, seed: int) -> "EndlessScenes":
-        """Return scenes of the objects of the dataset `root` that no evaluation keeps unseen."""
+        """Return scenes of the objects of dataset `root` that are not reserved for evaluation."""
         files = GraspNetRoot(root)
         return cls({i: read_object(files, i) for i in trainable_objects(files)}, config, seed)
 
@@ -126,7 +125,9 @@ class EndlessScenes:
             if len(clouds) >= wanted // 2:
                 break
         if not clouds:
-            raise SymgraspError(f"no region of {ATTEMPTS} scenes shows; are the objects too small?")
+            raise SymgraspError(
+                f"no region of {ATTEMPTS} scenes is visible; are the objects too small?"
+            )
         chosen = rng.choice(len(clouds), wanted, replace=len(clouds) < wanted)
         return [_packed(clouds[int(i)]) for i in chosen]
 
@@ -139,7 +140,7 @@ class EndlessScenes:
         try:
             objects = [self.objects[i].scene for i in drawn]
             layout = drawn_layout(objects, config.scenery.surroundings, rng)
-        except SymgraspError:  # these objects do not come to rest together; draw others
+        except SymgraspError:  # these objects do not come to rest together; draw other objects
             return []
         sensor = str(rng.choice(list(LENSES)))
         lens = sensor_intrinsics(sensor, config.width, config.height)
@@ -188,7 +189,7 @@ class EndlessScenes:
                 return instance.mask
             return noise.applied(faults.applied(instance.mask, mine, rng), rng)
 
-        normal = T_world_cam[2, :3]  # the world's z axis; the table is its plane z = 0
+        normal = T_world_cam[2, :3]  # the world's z axis; the table is the plane z = 0
         cloud = SceneCloud(depth, lens, Plane(normal, float(T_world_cam[2, 3])))
         return labelled_clouds(
             shown, cloud, poses, lambda i: self.objects[i].surface, mask_of, pack, rng

@@ -19,24 +19,24 @@ from pipelines.synthesis.endless import EndlessScenes
 
 GRACE = 20.0  # seconds for the training to end its step and write its checkpoint
 
-# Of a worker process: its scenes, or the error that prevents them.
+# Scenes of a worker process, or the error that prevents them.
 _OWN: list[EndlessScenes | SymgraspError] = []
 
 
 class EndlessPool:
     """Regions of scenes by number, rendered ahead in groups of `scenes_together` scenes.
 
-    A group and the next are kept: scenes may be requested in any order within a group, groups in
-    ascending order. A scene does not depend on the process that renders it.
+    The current and the next group are kept: scenes may be requested in any order within a group,
+    groups in ascending order. A scene does not depend on the process that renders the scene.
     """
 
     def __init__(self, root: Path, config: EndlessConfig, seed: int, workers: int) -> None:
         self.together = config.scenes_together
         self._futures: dict[int, Future[list[PackedRegion]]] = {}
-        # A thread that loads ahead may begin a process while the pool ends: nobody would end it.
+        # A thread that loads ahead may start a process while the pool ends, which nobody would end.
         self._beginning = threading.Lock()
         self._is_ended = False
-        # A forked process may wait forever for a lock that a thread of its parent held.
+        # A forked process may wait forever for a lock that a thread of its parent holds.
         self._pool = ProcessPoolExecutor(
             workers,
             mp_context=get_context("spawn"),
@@ -48,12 +48,12 @@ class EndlessPool:
         return self
 
     def __exit__(self, *_error: object) -> None:
-        # Nobody reads the scenes that are being rendered; without an end they would be waited for.
+        # Nobody reads the scenes still being rendered; without an end, the exit waits for them.
         with self._beginning:
             self._is_ended = True
         for process in list((getattr(self._pool, "_processes", None) or {}).values()):
             process.kill()
-        # One may have written half a result. The rest is waited for as long as a pipe has a writer.
+        # A process may have written half a result; the reader waits while the pipe has a writer.
         if results := getattr(self._pool, "_result_queue", None):
             results._writer.close()
         self._pool.shutdown(cancel_futures=True)
@@ -74,11 +74,11 @@ class EndlessPool:
         except BrokenProcessPool as error:
             raise SymgraspError(
                 "a process that renders regions has ended, perhaps for lack of memory; "
-                "--resume goes on, with fewer --workers"
+                "continue by --resume with fewer --workers"
             ) from error
 
     def _begin(self, numbers: range) -> None:
-        """Let the scenes `numbers` be rendered, if they are not."""
+        """Start rendering the scenes `numbers`, unless it has started."""
         if self._is_ended:
             raise SymgraspError("no scene is rendered after the end of the training")
         for number in numbers:
@@ -89,7 +89,7 @@ class EndlessPool:
 
 def _start(root: Path, config: EndlessConfig, seed: int, parent: int) -> None:
     begin_worker(parent)  # the training handles Ctrl-C
-    signal.signal(signal.SIGTERM, _end_soon)  # torchrun sends it to all; the step needs its scenes
+    signal.signal(signal.SIGTERM, _end_soon)  # torchrun signals all; the step needs its scenes
     cv2.setNumThreads(1)
     try:
         _OWN.append(EndlessScenes.of_root(root, config, seed))

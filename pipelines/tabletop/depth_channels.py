@@ -67,7 +67,7 @@ def shrink(
 def find_plane(frame: SmallFrame) -> Plane:
     """Return the support plane; if there is none, a plane that faces the camera.
 
-    The latter lies at the 90th percentile of depth, so that heights are distances before it.
+    The latter is at the 90th percentile of depth, so that heights are distances in front of it.
     """
     xyz = frame.intrinsics.backproject(frame.depth)
     plane = find_tabletop(xyz, frame.intrinsics, RegionConfig(), np.random.default_rng(0)).plane

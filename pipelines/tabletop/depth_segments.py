@@ -91,7 +91,7 @@ def extent(points: Array) -> float:
 def inward_fold(xyz: Array, mask: Mask, focal: float, config: RegionConfig) -> Singles:
     """Return the inward fold (H, W) of the surface of `mask`: -2 sin(angle / 2), 0 where convex.
 
-    The normals on both sides of a convex edge point apart, those of a concave edge toward each
+    The normals on both sides of a convex edge point apart, normals at a concave edge toward each
     other (Stein et al., LCCP): (n_2 - n_1) . (p_2 - p_1) / |p_2 - p_1| is then negative.
     """
     radius = max(2, round(config.normal_radius * min(1.0, focal / USUAL_FOCAL)))
@@ -116,7 +116,7 @@ def connected(xyz: Array, mask: Mask, config: RegionConfig) -> Labels:
 def _attach(xyz: Array, cores: Labels, whole: Labels, foreground: Mask) -> Labels:
     """Label the foreground outside `cores` by the nearest core of the same piece of `whole`.
 
-    A piece of `whole` without a core (small or thin) becomes a region of its own.
+    A piece of `whole` without a core (small or thin) becomes a separate region.
     """
     labels = cores.copy()
     rest = foreground & (cores == 0)

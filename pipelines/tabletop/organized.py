@@ -18,7 +18,7 @@ def smooth_normals(xyz: Array, mask: Mask, radius: int) -> Array:
     """Return unit normals (H, W, 3) toward the camera, from planes fitted in inverse depth.
 
     The plane at a pixel is fitted to the pixels of `mask` within `radius` along rows and columns.
-    nan outside `mask`, and where the square holds fewer than six pixels or those of one line only.
+    nan outside `mask`, and where the square holds fewer than six pixels or only one line of pixels.
     `xyz`: (H, W, 3) metres, of a pinhole camera or a part of its image; nan where missing.
     """
     whole = np.ascontiguousarray(xyz), np.ascontiguousarray(mask)

@@ -43,7 +43,7 @@ class GeometricRegions:
         return float(self.things.top.threshold(z, self.things.config))
 
     def may_be_thing(self, mask: Mask) -> bool:
-        """Return whether `mask` (H, W) is no wall, no arm, and not too large, where depth tells."""
+        """Return whether `mask` (H, W) is no wall, no arm and not too large; True without depth."""
         step = working_step(mask.shape)
         return self.things.may_be(mask[::step, ::step])
 

@@ -1,7 +1,7 @@
-"""Filling of sparse depth, as registration to a larger colour image leaves it.
+"""Filling of sparse depth, as from registration to a larger colour image.
 
-Later filters compare a pixel with its neighbours; where most neighbours are missing, they would
-reject every pixel as stray. So the holes between measured pixels are filled first.
+Later filters compare a pixel with its neighbours and would reject every pixel as stray if most
+neighbours were missing. So the holes between measured pixels are filled first.
 """
 
 import cv2
@@ -10,7 +10,7 @@ import numpy as np
 from pipelines.array_types import Mask, Singles
 
 HOLE_WINDOW = 5  # pixels: closes holes between measured pixels, but not shadows
-DENSE = 0.7  # measured share of the closed surface from which depth stays as it is
+DENSE = 0.7  # measured share of the closed surface from which depth is unchanged
 
 
 def measured_share(depth: Singles) -> float:
@@ -34,7 +34,7 @@ def filled(depth: Singles) -> Singles:
 def nearest_measured(depth: Singles, mask_size: int = 5) -> Singles:
     """Return `depth` (H, W) with each 0 set to the depth of the nearest pixel over 0, if any.
 
-    `mask_size`: of OpenCV's distances, 3 or 5; the larger is more exact.
+    `mask_size`: mask of OpenCV's distance transform, 3 or 5; 5 is more exact.
     """
     measured = depth > 0
     if not measured.any():

@@ -23,15 +23,15 @@ from pipelines.tabletop.footprint import Footprint
 Affine = tuple[float, float, float]  # a, b and c of 1/z = a u + b v + c
 
 MAX_PLANES = 4  # candidates, found one after the other
-MAX_SMALL_PLANES = 4  # planes on the way that are too small for a table
+MAX_SMALL_PLANES = 4  # planes found in between that are too small for a table
 ITERATIONS = 300  # hypotheses per candidate
 FITTED = 20000  # pixels, about, to which planes are fitted, evenly spread
 CONSENSUS_SAMPLE = 4000  # of these pixels, on which hypotheses are compared
 MIN_PIXELS = 200  # fewer pixels determine no plane
 MAX_FITS = 20  # least-squares fits of a plane to its inliers, until these stay the same
 SIDE = np.cos(np.deg2rad(15.0))  # of the angle beyond which a plane may be the side of a bin
-CELL = 8  # pixels of a cell, of the image in which a floor's surroundings are looked at
-LARGE_PART = 0.1  # of the area of the largest part of a plane, from which a part is large
+CELL = 8  # pixels of a cell for testing a floor's surroundings
+LARGE_PART = 0.1  # of a plane's largest part: area from which a part is large
 ENCLOSED = 0.9  # share of a floor's surroundings that are nearer than its plane
 CLOSEST_SHARE = 0.05  # the nearest pixels weigh no more than the pixel at this quantile
 
@@ -85,10 +85,10 @@ def find_support(
 ) -> Support | None:
     """Return the best of up to `MAX_PLANES` candidates; None if none is large enough.
 
-    Each candidate is found among the pixels that earlier ones left. The best has most pixels, with
-    more weight on near ones; pixels seen through its extent count against it, because a table is
-    opaque. Planes of a few square centimetres are a person's fingers before the lens: they are no
-    candidates and have no weight (D. 106).
+    Each candidate is found among the pixels that earlier candidates left. The best candidate has
+    most pixels, near pixels weighing more; pixels seen through its extent count against it, because
+    a table is opaque. Planes of a few square centimetres are fingers in front of the lens: they are
+    no candidates and have no weight (D. 106).
     """
     at = np.flatnonzero(near)
     if len(at) < MIN_PIXELS:
@@ -106,11 +106,11 @@ def find_support(
     best = max(found, key=seen.value, default=None)
     if best is None:
         return None
-    # The side of a bin may show more of itself than its floor does (D. 129).
+    # More of a bin's side than of its floor may be visible (D. 129).
     best = max(
         (each for each in found if _is_floor(each, best, seen)), key=seen.value, default=best
     )
-    # Pixels nearer than the plane weigh no more than those of the plane.
+    # Pixels nearer than the plane weigh no more than pixels of the plane.
     most = float(quantiles(weight[best.evidence > 0], 1.0 - CLOSEST_SHARE))
     share = seen.value(best) / float(np.minimum(weight, most).sum())
     return best.support if share > config.min_plane_share else None
@@ -142,7 +142,7 @@ def _candidates(
             continue
         plane, behind = _plane_of(affine, intrinsics), residual < -2.0 * config.plane_tolerance
         beneath = _seen_through(seen.points, behind, plane, _in_large_parts(seen, inliers))
-        # The normal of a table seen from above leans to the image's top, that of a wall does not.
+        # The normal of a table seen from above leans to the image's top, a wall's normal does not.
         # Cameras overhead or upside down are possible, so other planes only weigh less.
         facing = 1.0 if plane.normal[1] < 0.3 else 0.6
         evidence = facing * (own - config.beneath_weight * beneath)
@@ -153,8 +153,8 @@ def _candidates(
 def _is_floor(candidate: _Candidate, best: _Candidate, seen: _Seen) -> bool:
     """Return whether `candidate` is the floor of a bin of which `best` is a side.
 
-    It is steep to that side, and nearly all around its outline lie nearer surfaces. None of its
-    outline is the border of the image.
+    A floor is steep to that side and almost entirely surrounded by nearer surfaces. Its outline
+    does not touch the image border.
     """
     if abs(candidate.support.plane.normal @ best.support.plane.normal) > SIDE:
         return False
@@ -175,15 +175,15 @@ def _is_floor(candidate: _Candidate, best: _Candidate, seen: _Seen) -> bool:
 
 
 def _in_large_parts(seen: _Seen, inliers: Mask) -> Mask:
-    """Return the `inliers` (n,) of the large parts that they cover in the image (D. 141).
+    """Return the `inliers` (n,) in large parts of the image (D. 141).
 
-    A cable beside a tray, as high as the tray, is no part of the tray's extent.
+    A cable next to a tray, as high as the tray, is no part of the tray's extent.
     """
     return inliers & large_parts(seen.covered(inliers, 0.5)).ravel().take(seen.cells[0])
 
 
 def large_parts(image: NDArray[np.uint8]) -> Mask:
-    """Return the set pixels (H, W) of `image` in parts that are not small beside the largest."""
+    """Return the set pixels (H, W) of `image` in parts not much smaller than the largest."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats(image, connectivity=8)
     area = np.asarray(stats, np.int32)[:, cv2.CC_STAT_AREA]
     area[0] = 0  # the background
@@ -207,7 +207,7 @@ def _ransac(
 ) -> Affine | None:
     """Return (a, b, c) of the plane 1/z = a u + b v + c with most pixels within `tolerance`.
 
-    None if every drawn triple of pixels lies on a line.
+    None if every drawn triple of pixels is collinear.
     """
     triples = rng.integers(0, len(u), (ITERATIONS, 3))
     matrices = np.stack([u[triples], v[triples], np.ones(triples.shape)], axis=-1)

@@ -16,7 +16,7 @@ from pipelines.tabletop.footprint import Footprint
 from pipelines.tabletop.support_plane import Affine, Support, find_support, large_parts
 
 WARP_WINDOW = 81  # pixels over which a sensor bends a flat table
-CLEARLY = 1.6  # over the threshold of foreground: pixels that may connect two pieces
+CLEARLY = 1.6  # factor on the foreground threshold for pixels that may connect two pieces
 NOISE_LIMIT = 10.0  # metres of depth beyond which noise does not grow
 NOISE_FACTOR = 4.0  # standard deviations by which foreground stands out
 MOST_SIDES = 0.25  # side pixels below a table per pixel of it; a lid has more
@@ -25,7 +25,7 @@ STRIDE = 2  # rows and columns from which a table's noise and extent are measure
 
 @dataclass(frozen=True)
 class Tabletop:
-    """The support plane of a frame, and the pixels of what stands on it.
+    """The support plane of a frame, and the pixels of the objects on it.
 
     Attributes:
         plane: camera frame, normal to the camera's side; None if there is none.
@@ -43,8 +43,8 @@ class Tabletop:
 
     @property
     def height_noise(self) -> float:
-        """Height over the plane that noise may reach, metres per metre of depth."""
-        # Depth errs by noise z^2 along the ray, whose cosine to the normal is offset / z.
+        """Largest height of noise over the plane, metres per metre of depth."""
+        # The depth error is noise z^2 along the ray, whose cosine to the normal is offset / z.
         return 0.0 if self.plane is None else NOISE_FACTOR * self.noise * float(self.plane.offset)
 
     def threshold(self, z: ArrayLike, config: RegionConfig) -> Array:
@@ -94,9 +94,9 @@ def find_tabletop(
 
 
 def _is_lid(z: Array, near: Mask, inliers: Mask, support: Support, config: RegionConfig) -> bool:
-    """Return whether a plane on which nothing stands is an object's lid instead of a table.
+    """Return whether a plane without objects on it is an object's lid instead of a table.
 
-    If no depth is measured beside an object, its lid is the largest plane. The sides of the object
+    If no depth is measured around an object, its lid is the largest plane. The sides of the object
     join its lid; beyond the edge of a table the depth jumps.
     """
     rows, columns = (np.arange(count, dtype=np.float64) for count in z.shape)
@@ -181,13 +181,13 @@ def _above(
 def _pixels_of_sides(
     z: Array, near: Mask, inliers: Mask, over: Array, tolerance: float, step: float
 ) -> int:
-    """Return the number of pixels that lie below a plane and join it from pixel to pixel.
+    """Return the number of pixels below a plane that are connected with the plane.
 
     Args:
         z: (H, W) depth in metres, nan where missing.
         near: (H, W) pixels to search.
         inliers: (H, W) pixels of the plane.
-        over: (H, W) inverse depth minus that of the plane.
+        over: (H, W) inverse depth minus the plane's.
         tolerance: inverse depth from which a pixel counts as below.
         step: largest difference of neighbours on one surface, as a share of their depth.
     """

@@ -175,7 +175,7 @@ def test_meshes_that_are_passed_over_are_counted_and_named(
         assert [path.name for path in find_meshes(tmp_path)] == ["a.ply"]
     assert "2 files of formats that are not read: b.STEP, c.3mf" in caplog.text
     assert "gmsh NAME.step -2 -o NAME.stl" in caplog.text
-    assert "folders below are not read: below; give each by name" in caplog.text
+    assert "meshes of subfolders are not read: below; give each by name" in caplog.text
     assert "texture" not in caplog.text
     (tmp_path / "a.ply").unlink()
     with pytest.raises(SymgraspError, match=r"holds no meshes; 2 files.*b\.STEP"):
@@ -218,7 +218,7 @@ def test_a_scene_that_shows_a_mesh_without_end_is_refused(
     (tmp_path / "x.glb").write_bytes(scene.export(file_type="glb"))
     assert len(read_mesh(tmp_path / "x.glb").faces) == 240
     monkeypatch.setattr(meshes, "MAX_TRIANGLES", 100)
-    with pytest.raises(FormatError, match="shows 240 triangles; at most 100"):
+    with pytest.raises(FormatError, match="contains 240 triangles; at most 100"):
         read_mesh(tmp_path / "x.glb")
 
 

@@ -327,10 +327,10 @@ def test_collision_labels_of_earlier_labels_are_remarked_on(tmp_path: Path) -> N
     assert "collision labels" not in label(root.root, root.root).notes  # all are finished
     root.grasp_label_path(0).unlink()
     note = label(root.root, root.root).notes["collision labels"]
-    assert "of 1 scenes (scene_0002 the first)" in note
+    assert "of 1 scenes (first scene_0002)" in note
     over = BatchOptions(progress=False, overwrite=True)
     note = label(root.root, root.root, options=over).notes["collision labels"]
-    assert "of 2 scenes (scene_0001 the first) are of the earlier grasp labels" in note
+    assert "of 2 scenes (first scene_0001) belong to the earlier grasp labels" in note
 
 
 def test_points_follow_the_area_within_bounds() -> None:

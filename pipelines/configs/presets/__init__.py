@@ -11,10 +11,10 @@ PRESETS = ("paper",)
 
 
 def preset_settings(preset: str, stage: str) -> dict[str, Any]:
-    """Return the settings, as tables, that a preset changes of a stage.
+    """Return the settings of a stage that a preset changes, as tables.
 
     Raises:
-        UnknownNameError: there is no such preset, or it changes nothing of this stage.
+        UnknownNameError: the preset is unknown, or does not change this stage.
     """
     if preset not in PRESETS:
         raise UnknownNameError("preset", preset, PRESETS)

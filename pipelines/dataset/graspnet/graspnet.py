@@ -8,7 +8,7 @@
     ROOT/scenes/scene_NNNN/{kinect,realsense}/{camK,camera_poses,cam0_wrt_table}.npy
 
 and, written by our own stages, ROOT/{symmetry,regions}/NNN.json and ROOT/affordance/NNN.h5.
-A root may have only some of the cameras, splits and frames; those that are present are listed.
+A root may have only some of the cameras, splits and frames; only existing ones are listed.
 """
 
 import re
@@ -48,10 +48,10 @@ class GraspNetRoot:
 
     @classmethod
     def finished(cls, root: Path) -> "GraspNetRoot":
-        """Return the root, to be read.
+        """Return the finished dataset root for reading.
 
         Raises:
-            SymgraspError: a command that makes it was stopped, or still runs.
+            SymgraspError: a command that makes the root was stopped, or still runs.
         """
         refuse_unfinished(root)
         return cls(root)
@@ -96,7 +96,7 @@ class GraspNetRoot:
         """Return the scenes as `scenes` does.
 
         Raises:
-            SymgraspError: there is none.
+            SymgraspError: there are no scenes.
         """
         scenes = self.scenes(camera, split)
         if not scenes:

@@ -66,8 +66,8 @@ def grasp_label_pieces(path: Path, num_points: int) -> Iterator[GraspLabel]:
     """Yield the label of `path` by `num_points` grasp points at a time, in file order.
 
     Raises:
-        FormatError: truncated, pickled, a zip bomb, or arrays that are missing or of another shape.
-            Damage in the middle is found when it is reached.
+        FormatError: the file is truncated, pickled or a zip bomb; arrays are missing or misshaped.
+            Damage in the middle is found when reading reaches it.
     """
     with ExitStack() as stack:
         try:
@@ -155,13 +155,15 @@ def _check_points(path: Path, shape: tuple[int, ...]) -> None:
 def _refuse_bomb(path: Path, info: zipfile.ZipInfo) -> None:
     if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise FormatError(
-            path, f"{info.filename} is packed in way {info.compress_type}", "stored or deflated"
+            path,
+            f"{info.filename} has compression method {info.compress_type}",
+            "stored or deflated",
         )
     if info.file_size > MAX_DEFLATE_RATIO * (info.compress_size + 1):
         raise FormatError(
             path,
             f"{info.filename} claims to unpack from {info.compress_size} to {info.file_size} bytes",
-            "no honest archive does",
+            f"at most {MAX_DEFLATE_RATIO} times its size is possible",
         )
 
 

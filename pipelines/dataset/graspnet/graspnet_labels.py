@@ -52,7 +52,7 @@ class GraspLabel:
 
 @dataclass(frozen=True)
 class LabelledGrasps:
-    """Labelled grasps that hold, one a row, object frame, metres."""
+    """Labelled grasps that hold, one per row, object frame, metres."""
 
     index: Indices  # (n, 4) point, view, angle, depth
     rotation: Singles  # (n, 3, 3) columns approach, closing, approach x closing
@@ -89,8 +89,8 @@ def write_grasp_label(path: Path, label: GraspLabel, *, compress: bool = True) -
 def join_grasp_labels(path: Path, parts: Sequence[Path], *, compress: bool = False) -> None:
     """Write `grasp_label/NNN_labels.npz` from its `parts`, label files of consecutive points.
 
-    One array of one part is in memory at a time, however large the label. Uncompressed, as the
-    original is published; `compress` makes it about fifteen times smaller.
+    Only one array of one part is in memory at a time. By default uncompressed, as the published
+    original; with `compress`, the file is about fifteen times smaller.
     """
     method = zipfile.ZIP_DEFLATED if compress else zipfile.ZIP_STORED
     with atomic_path(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
@@ -156,7 +156,7 @@ def chosen_grasps(label: GraspLabel, chosen: Mask) -> LabelledGrasps:
 
 
 def write_collision_labels(path: Path, collisions: Sequence[Mask]) -> None:
-    """Write a scene's `collision_labels.npz`: arr_i (P_i, 300, 12, 4) of its i-th object."""
+    """Write a scene's `collision_labels.npz`: arr_i (P_i, 300, 12, 4) for its i-th object."""
     arrays = {f"arr_{i}": array.astype(bool) for i, array in enumerate(collisions)}
     write_npz(path, compress=True, **arrays)
 

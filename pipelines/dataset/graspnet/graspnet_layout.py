@@ -23,7 +23,7 @@ SPLITS = {
     "similar": range(130, 160),
     "novel": range(160, 190),
 }
-# A synthesized split with more scenes than GraspNet's goes on 1000, 2000, ... above its numbers.
+# A synthesized split with more scenes than GraspNet's continues 1000, 2000, ... above its numbers.
 BLOCK, SPLIT_BLOCKS = 1000, 10
 
 
@@ -77,7 +77,7 @@ class SceneFiles:
 
     @property
     def surroundings(self) -> list[Mesh]:
-        """Convex obstacles that are no objects, table frame, metres; the table is not listed."""
+        """Convex obstacles except objects and the table, table frame, metres."""
         return convex_pieces.read(path) if (path := self.surroundings_path).is_file() else []
 
     @property
@@ -86,7 +86,7 @@ class SceneFiles:
         return self.ids_of("depth")
 
     def ids_of(self, kind: str) -> list[int]:
-        """Return the ids of the frames with a file of `kind`, one of those of `FrameFiles.path`."""
+        """Return the ids of the frames with a file of `kind`, as listed in `FrameFiles.path`."""
         files = (self.camera_folder / kind).glob("*" + self.frame(0).path(kind).suffix)
         return sorted(int(file.stem) for file in files if file.stem.isdecimal())
 

@@ -25,13 +25,13 @@ def generate_views(count: int = NUM_VIEWS) -> Singles:
     index = np.arange(count, dtype=np.float32)
     z = (np.float32(2) * index + np.float32(1)) / np.float32(count) - np.float32(1)
     radius = np.sqrt(np.float32(1) - z**2)
-    # The order of the products is that of the original: in float32 it decides the last digits.
+    # The order of the products is as in the original: in float32 it decides the last digits.
     turn = np.float32(2) * index * np.float32(np.pi) * GOLDEN_RATIO
     return np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=1)
 
 
 def view_rotations(angles: Floats = IN_PLANE_ANGLES) -> Singles:
-    """Return the grasp rotations (300, A, 3, 3) of every view at every one of `angles`, radians.
+    """Return the grasp rotations (300, A, 3, 3) of every view at each of `angles`, radians.
 
     float32, columns approach, closing, approach x closing, object frame.
     """

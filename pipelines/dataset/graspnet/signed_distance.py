@@ -1,7 +1,7 @@
 """Signed-distance grids as text, `textured.sdf` (dex-net's format).
 
-Line 1 "nx ny nz", line 2 the origin, line 3 the spacing, then nx * ny * nz values, one a line,
-x fastest; metres, object frame, negative inside. Node (i, j, k) lies at origin + spacing (i, j, k).
+Line 1 is "nx ny nz", line 2 the origin, line 3 the spacing, then nx * ny * nz values, one per line,
+x fastest; metres, object frame, negative inside. Node (i, j, k) is at origin + spacing (i, j, k).
 """
 
 from pathlib import Path
@@ -32,7 +32,7 @@ def write_sdf(path: Path, grid: SignedDistanceGrid) -> None:
 
 
 def as_stored(grid: SignedDistanceGrid) -> SignedDistanceGrid:
-    """Return `grid` as it would be after `write_sdf` and `read_sdf`."""
+    """Return `grid` with the precision of a file by `write_sdf`."""
     spacing = float(_rounded(np.array([grid.spacing]))[0])
     return SignedDistanceGrid(_rounded(grid.values), _rounded(grid.origin), spacing)
 

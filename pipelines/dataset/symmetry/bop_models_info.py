@@ -95,7 +95,7 @@ def read(path: Path) -> dict[str, ModelInfo]:
     """Read the objects of the file, by key, and by `name` if an entry has one.
 
     Raises:
-        FormatError: not such a file; the message names the entry.
+        FormatError: the file is no models_info.json; the message names the entry.
     """
     content = read_json(path)
     if not isinstance(content, dict) or not all(isinstance(e, dict) for e in content.values()):
@@ -108,7 +108,7 @@ def read(path: Path) -> dict[str, ModelInfo]:
 def symmetries_of(info: ModelInfo, mesh: Mesh) -> list[Symmetry]:
     """Return the rotation or sphere of `info`, in the frame and unit of `mesh`; at most one.
 
-    Several continuous axes are a sphere; of several n-fold axes the one with the highest n is
+    Several continuous axes are a sphere; of several n-fold axes, the axis with the highest n is
     returned, the first listed among equals.
 
     Raises:
@@ -141,7 +141,7 @@ def _unit_of(info: ModelInfo, mesh: Mesh) -> float:
         if abs(size / (scale * info.diameter) - 1.0) < SAME_SIZE:
             return scale
     raise SymgraspError(
-        f"the mesh is {size:.4g} across and models_info.json says {info.diameter:.4g} mm; "
+        f"the mesh is {size:.4g} across and models_info.json states {info.diameter:.4g} mm; "
         "give the file of these meshes, in metres or millimetres"
     )
 

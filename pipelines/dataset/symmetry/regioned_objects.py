@@ -18,8 +18,8 @@ def read_regioned_object(root: Path, object_id: int) -> RegionedObject:
 
     Raises:
         MissingInputError: `annotate-symmetry` has not been run.
-        FormatError: a region has triangles that are not in the mesh or in another region too; or
-            another mesh was annotated.
+        FormatError: a region has triangles outside of the mesh or in another region, or the
+            annotation is of another mesh.
     """
     files = GraspNetRoot(root)
     mesh, labels = files.model_path(object_id), files.symmetry_path(object_id)
@@ -36,7 +36,7 @@ def _read(mesh_file: FileVersion, labels_file: FileVersion) -> RegionedObject:
 
 
 def _check_mesh(mesh: Path, labels: Path) -> None:
-    """Refuse labels of another mesh, since their triangle indices mean other triangles here.
+    """Refuse labels of another mesh, since their triangle indices do not fit `mesh`.
 
     Labels written by hand need not have a stamp.
     """
@@ -44,5 +44,5 @@ def _check_mesh(mesh: Path, labels: Path) -> None:
     made_of = inputs.get("mesh") if isinstance(inputs, dict) else None
     if made_of is not None and made_of != digest(mesh):
         raise FormatError(
-            labels, f"its regions are those of another mesh than {mesh}", "annotate it again"
+            labels, f"its regions belong to another mesh than {mesh}", "annotate it again"
         )

@@ -1,11 +1,11 @@
-"""`regions/NNN.json`: symmetric regions given by hand, which override those found (D. 10).
+"""`regions/NNN.json`: symmetric regions given by hand, which override detected regions (D. 10).
 
     {"regions": [{"name": "handle",
                   "box": [[x0, y0, z0], [x1, y1, z1]],    metres, object frame, or
                   "triangles": [0, 1, ...],               indices into the mesh
                   "symmetries": [...]}]}                  as in symmetry/NNN.json, optional
 
-A box holds the triangles whose centroid lies in it. Without `symmetries` they are detected.
+A box selects the triangles with centroid inside. Without `symmetries`, they are detected.
 A triangle is in at most one region; triangles in no region belong to no mask.
 """
 
@@ -27,7 +27,7 @@ from pipelines.storage.files import read_json
 
 @dataclass(frozen=True)
 class ManualRegion:
-    """A region given by hand; `symmetries` is None if they are to be detected."""
+    """A region given by hand; if `symmetries` is None, symmetries are detected."""
 
     name: str
     triangles: Indices  # (k,)
@@ -38,7 +38,7 @@ def read(path: Path, mesh: Mesh) -> list[ManualRegion]:
     """Read the hand-written regions of `mesh`, object frame, metres.
 
     Raises:
-        FormatError: not such a file, a region without triangles, or two regions that share some.
+        FormatError: the file is malformed, a region has no triangles, or regions share triangles.
     """
     content = read_json(path)
     if not isinstance(content, dict) or not isinstance(content.get("regions"), list):
@@ -54,7 +54,7 @@ def check_triangles(path: Path, regions: Iterable[tuple[str, Indices]], mesh: Me
     """Refuse regions (name, triangles) of the file `path` that do not fit `mesh`.
 
     Raises:
-        FormatError: triangles beyond the mesh, twice in a region, or in two regions.
+        FormatError: a triangle is beyond the mesh, twice in a region, or in two regions.
     """
     count = len(mesh.faces)
     owner = np.full(count, "", dtype=object)
@@ -77,7 +77,7 @@ def check_triangles(path: Path, regions: Iterable[tuple[str, Indices]], mesh: Me
 
 def _region(path: Path, mesh: Mesh, entry: Any) -> ManualRegion:  # noqa: ANN401 - JSON
     if not isinstance(entry, dict) or ("triangles" in entry) == ("box" in entry):
-        raise FormatError(path, "a region is not right", "it has either `triangles` or `box`")
+        raise FormatError(path, "a region is malformed", "either `triangles` or `box` is expected")
     name = str(entry.get("name", "region"))
     if "box" in entry:
         triangles, which = _in_box(path, mesh, entry), "its box holds none: metres, object frame?"
@@ -97,7 +97,7 @@ def _in_box(path: Path, mesh: Mesh, entry: Mapping[str, Any]) -> Indices:
     with reading(path, "a box", "two corners, metres"):
         low, high = np.asarray(entry["box"], dtype=np.float64).reshape(2, 3)
     if not np.isfinite([low, high]).all() or (low > high).any():
-        raise FormatError(path, "a box's corners are not right", "the lower one first, metres")
+        raise FormatError(path, "a box's corners are wrong", "the lower corner first, metres")
     centroids = mesh.vertices[mesh.faces].mean(axis=1)
     inside = ((centroids >= low) & (centroids <= high)).all(axis=1)
     return np.flatnonzero(inside).astype(np.int64)

@@ -5,9 +5,9 @@
              {"add": {"kind": "reflection", "normal": [1, 0, 0], "point": [0, 0, 0]}},
              {"accept": {"index": 0}}]}
 
-Indices count the symmetries found, each kind from 0, as numbered in the pictures; they do not
+Indices count the detected symmetries, each kind from 0, as numbered in the pictures; they do not
 change when another entry drops a symmetry. `accept` takes one of the object's `rejected`
-candidates. An empty list says that a person checked the object and agrees.
+candidates. An empty list means that a person checked the object and agrees.
 """
 
 import json
@@ -48,7 +48,7 @@ def read(path: Path) -> dict[str, ObjectEdits]:
     """Read the corrections of each object.
 
     Raises:
-        FormatError: not such a file.
+        FormatError: the file is malformed.
     """
     content = read_json(path)
     if not isinstance(content, dict):
@@ -78,13 +78,13 @@ def apply(
     sources: Sequence[str],
     rejected: Sequence[Symmetry],
 ) -> tuple[list[Symmetry], list[str]]:
-    """Return the corrected symmetries of an object, planes first, and the source of each.
+    """Return the corrected symmetries of an object, planes first, and their sources.
 
-    `sources`: those of `found`.
+    `sources`: sources of `found`.
 
     Raises:
-        SymgraspError: an index or kind that the object does not have; the message lists those it
-            has.
+        SymgraspError: the object lacks an index or kind; the message lists the existing
+            symmetries.
     """
     kept = dict(enumerate(zip(found, sources, strict=True)))
     added: list[tuple[Symmetry, str]] = []
@@ -111,7 +111,7 @@ def _fixed(edits: ObjectEdits, content: Mapping[str, Any], old: Symmetry) -> Sym
     known = symmetry_to_json(old)
     for key in changes:
         if key not in known:
-            found = f"{key!r} is no entry of a {old.kind} of {edits.name}"
+            found = f"{key!r} is no parameter of a {old.kind} of {edits.name}"
             raise FormatError(edits.path, found, _one_of(known))
     return symmetries_from_json(edits.path, [known | changes])[0]
 

@@ -35,9 +35,9 @@ class ObjectSymmetries:
     # Symmetric parts; a single region, the whole, if the object is symmetric. Triangles are indices
     # in the order of the mesh's file.
     regions: tuple[ObjectRegion, ...] = ()
-    # How near a decision was to the opposite one, 0 to 1; None if unknown.
+    # Nearness of a decision to the opposite decision, 0 to 1; None if unknown.
     doubt: float | None = None
-    rejected: tuple[Symmetry, ...] = ()  # candidates that came nearest to holding, nearest first
+    rejected: tuple[Symmetry, ...] = ()  # candidates nearest to acceptance, nearest first
     # Source of each of `symmetries`: FOUND, BY_HAND or FROM_BOP; empty: all FOUND.
     sources: tuple[str, ...] = ()
     # `symmetries` before corrections by hand; None without corrections.
@@ -71,7 +71,7 @@ def read(path: Path) -> ObjectSymmetries:
     """Read a symmetry file, from this toolkit or written by hand.
 
     Raises:
-        FormatError: not such a file; the message names the entry.
+        FormatError: the file is malformed; the message names the entry.
     """
     content = read_json(path)
     if not isinstance(content, dict) or "symmetries" not in content:

@@ -1,6 +1,6 @@
 """`affordance/NNN.h5`: an object's symmetric contact pairs and the affordance of its surface.
 
-All in the object's canonical frame, metres. Attributes `num_*` are those of `RefinementCounts`.
+All arrays are in the object's canonical frame, metres. Attributes `num_*`: `RefinementCounts`.
 """
 
 from dataclasses import asdict, dataclass, fields
@@ -31,8 +31,8 @@ class RefinementCounts:
 
     num_labelled: int = 0  # candidates that hold, without collision with the object
     num_distinct: int = 0  # distinct contact pairs of these candidates on the mesh
-    num_originals: int = 0  # pairs kept of these, the first rows
-    num_copies: int = 0  # rows after them: images of originals under symmetries
+    num_originals: int = 0  # kept pairs of these, the first rows
+    num_copies: int = 0  # following rows: images of originals under symmetries
     num_dropped: int = 0  # images that missed the surface or do not hold
     num_points_before: int = 0  # surface points with an affordance from the originals alone
     num_points_after: int = 0  # surface points with an affordance from all rows

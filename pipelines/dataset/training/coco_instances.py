@@ -1,11 +1,11 @@
-"""Regions of frames as a COCO instance dataset, with depth and cameras beside the images.
+"""Regions of frames as a COCO instance dataset, with depth and cameras next to the images.
 
     DIR/annotations/instances_{train,val}.json   COCO's; masks are compressed run lengths
     DIR/images/scene_NNNN/CAMERA/rgb/NNNN.png    `file_name` is relative to DIR/images
     DIR/images/scene_NNNN/CAMERA/depth/NNNN.png  as in the dataset, with camK.npy
     DIR/scenes/scene_NNNN_CAMERA.json            images and annotations of one scene
 
-`pycocotools.coco.COCO` and torchvision's `CocoDetection` read it. Fields beyond COCO's are
+`pycocotools.coco.COCO` and torchvision's `CocoDetection` read the files. Additional fields are
 `object_id`, `region`, `visible` and `symmetries` (camera frame, metres).
 """
 
@@ -57,7 +57,7 @@ def annotations_path(folder: Path, split: str) -> Path:
 
 
 def is_coco(folder: Path) -> bool:
-    """Return whether `folder` is such a dataset."""
+    """Return whether `folder` is a dataset of `export-coco`."""
     return annotations_path(folder, "train").is_file()
 
 
@@ -154,7 +154,7 @@ def read_entries(path: Path) -> tuple[list[Entry], list[Entry]]:
     """Return the images and the annotations of one of COCO's files.
 
     Raises:
-        FormatError: not such a file.
+        FormatError: the file has no COCO instances.
     """
     content = read_json(path)
     if not isinstance(content, dict) or not {"images", "annotations"} <= set(content):
@@ -166,7 +166,7 @@ def read_coco_frames(folder: Path, split: str) -> list[CocoFrame]:
     """Read the frames of `split`, with their annotations.
 
     Raises:
-        FormatError: not such a dataset, or one without scenes, cameras and frames.
+        FormatError: the folder is no COCO dataset, or lacks scenes, cameras and frames.
     """
     path = annotations_path(folder, split)
     images, annotations = read_entries(path)

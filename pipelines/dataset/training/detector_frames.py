@@ -1,4 +1,4 @@
-"""Cache of the detector's training: small frames with their regions, one file a scene.
+"""Cache of the detector's training: small frames with their regions, one file per scene.
 
 `finetune-detector` renders region masks once and trains on them many times. Camera frame (OpenCV
 axes).
@@ -77,7 +77,7 @@ def _images(file: h5py.File, name: str, images: list[NDArray[Any]]) -> None:
     if not images:
         return
     stack = np.stack(images)
-    # Not LZF: its bytes depend on what was in memory before.
+    # Not LZF: its bytes depend on earlier contents of the memory.
     file.create_dataset(
         name,
         data=stack,

@@ -31,7 +31,7 @@ from pipelines.storage.provenance import Stamp
 FORMAT_VERSION = 2
 UNITS = {"points": "m", "point": "m"}
 MOST_OPEN = 200  # open files; systems allow a process about 1,024
-# The large arrays: one row a chunk and uncompressed, so that training reads rows in any order at
+# The large arrays: one row per chunk and uncompressed, so that training reads rows in any order at
 # the speed of the disk. The other columns are small and kept in memory.
 BY_ROW = ("points", "affordance")
 
@@ -141,7 +141,7 @@ class _OpenScene:
 
 
 class PackedReader:
-    """Random access to the regions of every `*.h5` under a folder, opened when first needed.
+    """Random access to the regions of every `*.h5` under a folder; files are opened when needed.
 
     A reader may be passed to the workers of a data loader: it pickles without its open files and
     reopens them in a forked process. Hidden files, left by an interrupted `pack`, are ignored.
@@ -149,7 +149,9 @@ class PackedReader:
 
     def __init__(self, folder: Path) -> None:
         if (folder / "scenes").is_dir():
-            raise FormatError(folder, "is a dataset root", "give what `symgrasp pack` made of it")
+            raise FormatError(
+                folder, "is a dataset root", "give the output folder of `symgrasp pack`"
+            )
         files = (path for path in folder.rglob("*.h5") if not path.name.startswith("."))
         self.paths = tuple(sorted(files))
         if not self.paths:

@@ -61,7 +61,7 @@ def read_posed_label(
 ) -> tuple[NDArray[np.uint8 | np.uint16], dict[int, Array]]:
     """Read the label image of a frame and the poses of its objects.
 
-    Of the size `shape` (H, W) of the depth image.
+    `shape`: size (H, W) of the depth image.
 
     Returns:
         The label (H, W), object id + 1, 0 = background; T_cam_obj (4, 4) by object id.
@@ -77,7 +77,7 @@ def read_posed_label(
         raise FormatError(files.path("label"), found, expected)
     unknown = sorted(set(np.unique(label).tolist()) - {i + 1 for i in poses} - {0})
     if unknown:
-        expected = f"{files.path('annotations').name} has no pose of it"
+        expected = f"{files.path('annotations').name} has no pose of this object"
         raise FormatError(files.path("label"), f"shows object {unknown[0] - 1}", expected)
     return label, poses
 
@@ -99,10 +99,10 @@ def split_frames(
     seed: int,
     held_out: set[str] | None = None,
 ) -> FrameSets:
-    """Return the frames of most scenes to train on and of the others to validate on.
+    """Return the frames of most scenes for training, and of the other scenes for validation.
 
-    `files`: one a scene and camera, `scene_NNNN_CAMERA.h5`. `fraction` of the scenes is drawn to
-    validate on, unless these are given, `held_out`.
+    `files`: one per scene and camera, `scene_NNNN_CAMERA.h5`. `fraction` of the scenes is drawn for
+    validation, unless `held_out` lists these scenes.
 
     Raises:
         ValueRangeError: there is only one scene.

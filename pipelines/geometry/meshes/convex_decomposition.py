@@ -1,11 +1,10 @@
-"""Convex pieces of a mesh by coacd, in a process of their own.
+"""Convex pieces of a mesh by coacd, in a child process.
 
 On some meshes coacd's C++ code aborts its process, so a child process runs it,
 `python -m pipelines.geometry.meshes.convex_decomposition`: arrays in on standard input, arrays
-out on standard output. Where the child dies there are no pieces.
+out on standard output. If the child dies, there are no pieces.
 
-What it may take is counted in CPU time: on a busy machine a mesh has the same pieces as on an idle
-one.
+The child's limit is CPU time, so that a mesh has the same pieces on a busy and on an idle machine.
 """
 
 import io
@@ -29,7 +28,7 @@ TIME_LIMIT = 7200.0  # seconds on the clock, for a child that hangs
 
 
 def decomposed(mesh: Mesh, settings: Mapping[str, float]) -> list[Array]:
-    """Return the corners (k, 3) of nearly convex pieces of `mesh`; none if coacd cannot say.
+    """Return the corners (k, 3) of nearly convex pieces of `mesh`; none if coacd fails.
 
     `settings` are the keyword arguments of `coacd.run_coacd`.
     """
@@ -63,7 +62,7 @@ def main() -> None:
 
 
 def _limit_cpu_time(seconds: int) -> None:
-    """Let the system end this process after so much CPU time, where it can."""
+    """Let the system end this process after `seconds` of CPU time, where supported."""
     try:
         import resource  # noqa: PLC0415 - not on Windows
     except ImportError:

@@ -1,4 +1,4 @@
-"""Crossings of straight lines with the surface of a mesh, one behind the other."""
+"""Crossings of straight lines with the surface of a mesh, in order along each line."""
 
 from dataclasses import dataclass
 
@@ -9,17 +9,17 @@ from pipelines.array_types import Array, Mask
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.rendering import first_hits
 
-STEP_PAST = 1e-6  # metres behind a crossing that the search goes on
-MAX_CROSSINGS = 64  # of one line; what a gripper may hold has far fewer
+STEP_PAST = 1e-6  # metres behind a crossing where the search continues
+MAX_CROSSINGS = 64  # of one line; graspable objects have far fewer
 
 
 @dataclass(frozen=True)
 class Crossings:
     """Crossings of lines with a surface, nearest first."""
 
-    distance: Array  # (n, k) metres from each line's start, ascending; inf where there is no more
+    distance: Array  # (n, k) metres from each line's start, ascending; inf after the last
     # (n, k) between the line and the outward normal: positive where the line leaves the
-    # object, negative where it enters; 0 where there is no more
+    # object, negative where the line enters; 0 after the last crossing
     cosine: Array
 
     def __getitem__(self, index: Mask | np.bool_) -> "Crossings":
@@ -29,12 +29,12 @@ class Crossings:
 
     @property
     def count(self) -> NDArray[np.int64]:
-        """(n,) crossings of each line."""
+        """(n,) number of crossings of each line."""
         return np.asarray(np.isfinite(self.distance).sum(axis=1))
 
     @property
     def leave(self) -> Mask:
-        """(n, k) whether the line leaves the object there."""
+        """(n, k) whether the line leaves the object at the crossing."""
         return np.asarray(self.cosine > 0.0)
 
 
@@ -55,7 +55,7 @@ def line_crossings(mesh: Mesh, start: Array, direction: Array, reach: float) -> 
         if not hit.any():
             break
         line, travelled, triangle, last = line[hit], travelled[hit], triangle[hit], last[hit]
-        # Single precision may meet a triangle again that was just passed.
+        # In single precision, a ray may hit the triangle that it has just passed again.
         new = triangle != last
         found, cosine = np.full(len(start), np.inf), np.zeros(len(start))
         found[line[new]] = travelled[new]

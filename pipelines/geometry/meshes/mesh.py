@@ -75,7 +75,7 @@ class Mesh:
 
     @property
     def is_watertight(self) -> bool:
-        """Whether every edge is shared by as many triangles in one direction as in the other."""
+        """Whether each edge has equally many triangles in both directions."""
         edges = self.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
         forward = edges[:, 0] * len(self.vertices) + edges[:, 1]
         backward = edges[:, 1] * len(self.vertices) + edges[:, 0]
@@ -86,7 +86,7 @@ class Mesh:
         return replace(self, vertices=transform_points(T, self.vertices))
 
     def submesh(self, faces: NDArray[np.integer] | Mask) -> "Mesh":
-        """Return the mesh of some of the triangles, by index or mask; the vertices are kept."""
+        """Return the mesh of the triangles `faces`, index or mask; the vertices are kept."""
         return replace(self, faces=self.faces[faces])
 
     @classmethod
@@ -103,10 +103,10 @@ def sample_surface(mesh: Mesh, n: int, rng: np.random.Generator) -> tuple[Array,
     """Return `n` points of the surface, evenly spread by area.
 
     Returns:
-        points (n, 3), outward unit normals (n, 3), and the triangle (n,) each point lies on.
+        points (n, 3), outward unit normals (n, 3), and the triangle (n,) of each point.
     """
     cumulative = np.cumsum(mesh.face_areas)
-    # One draw in each of n equal shares of the area: fewer clumps than independent draws.
+    # One draw in each of n equal shares of the area clumps less than independent draws.
     places = (np.arange(n) + rng.uniform(size=n)) / n * cumulative[-1]
     index = np.minimum(np.searchsorted(cumulative, places, side="right"), len(cumulative) - 1)
     u, v = rng.uniform(size=(2, n, 1))

@@ -1,7 +1,7 @@
-"""First triangles on rays: by Embree where it is installed, else by a tree of our own.
+"""First triangles on rays: by Embree if it is installed, else by a tree of boxes.
 
-Embree has no wheel for ARM Linux. It searches in single precision, the tree in double: they differ
-where a ray passes an edge within a ten-millionth of the scene's size.
+Embree has no wheel for ARM Linux. Embree searches in single precision, the tree in double: results
+differ where a ray passes an edge within a ten-millionth of the scene's size.
 """
 
 from typing import Any
@@ -14,25 +14,25 @@ from pipelines.geometry.numerics.compiled import compiled
 try:
     from embreex.mesh_construction import TriangleMesh
     from embreex.rtcore_scene import EmbreeScene
-except ImportError:  # `doctor` says so
+except ImportError:  # `doctor` reports it
     EmbreeScene = None
 
 LEAF = 4  # triangles of a node that is not split
-STACK = 64  # nodes that wait: a median tree of any size that fits into memory is less deep
-EDGE = 1e-12  # of a triangle's sides: a ray between two triangles misses neither
-WIDER = 1.0 + 1e-15  # of the way to a box's far side, for rounding
-TINY = 1e-300  # in the place of zero in a direction
+STACK = 64  # waiting nodes; no median tree that fits into memory is as deep
+EDGE = 1e-12  # of a triangle's sides: a ray between two triangles hits one
+WIDER = 1.0 + 1e-15  # factor of the distance to a box's far side, for rounding
+TINY = 1e-300  # replaces zero in a direction
 
 
 class EmbreeSearch:
-    """Embree's search among `triangles` (t, 3, 3), best about the origin: single precision.
+    """Embree's search among `triangles` (t, 3, 3) in single precision, finest near the origin.
 
     Rays start at `origins` (r, 3) along `directions` (r, 3).
     """
 
     def __init__(self, triangles: Array) -> None:
         self._scene = EmbreeScene()
-        # Embree refers to the mesh's buffers, so they live as long as the scene.
+        # Embree refers to the mesh's buffers, so the buffers must live as long as the scene.
         self._mesh = TriangleMesh(self._scene, triangles.astype(np.float32))
 
     def first(self, origins: Array, directions: Array) -> tuple[Indices, Array]:
@@ -50,15 +50,14 @@ class EmbreeSearch:
 
 
 class TreeSearch:
-    """A search of our own among `triangles` (t, 3, 3), some times slower than Embree's.
+    """A search among `triangles` (t, 3, 3) by a tree of boxes, some times slower than Embree.
 
-    By a tree of boxes: a node's is split at the median of its triangles along the axis on which
-    these lie widest.
+    A node is split at the median of its triangles along the axis of their largest extent.
     """
 
     def __init__(self, triangles: Array) -> None:
         fixed = np.ascontiguousarray(triangles).view()
-        fixed.flags.writeable = False  # as meshes' are: the loop is compiled for one kind
+        fixed.flags.writeable = False  # as arrays of meshes: the loop is compiled for one type
         self._tree = _built(fixed)
         self._triangles = np.ascontiguousarray(triangles[self._tree[0]])
 
@@ -89,7 +88,7 @@ def ray_search(triangles: Array) -> EmbreeSearch | TreeSearch:
 def _built(triangles: Array) -> tuple[Indices, Array, Indices]:
     """Return the tree of `triangles` (t, 3, 3): an order (t,), boxes (n, 2, 3), and nodes (n, 2).
 
-    A node is (first triangle of the order, number of triangles), or (first of two children, 0).
+    A node is (first triangle in the order, number of triangles), or (first of two children, 0).
     """
     count = len(triangles)
     low, high = np.empty((count, 3)), np.empty((count, 3))
@@ -126,7 +125,7 @@ def _built(triangles: Array) -> tuple[Indices, Array, Indices]:
 
 @compiled
 def _entry(box: Array, origin: Array, inverse: Array, reach: float) -> float:
-    """Return how far along a ray it enters `box` (2, 3); inf if it does not before `reach`."""
+    """Return the distance at which a ray enters `box` (2, 3); inf if not before `reach`."""
     near, far = 0.0, reach
     for k in range(3):
         one, other = (box[0, k] - origin[k]) * inverse[k], (box[1, k] - origin[k]) * inverse[k]
@@ -136,7 +135,7 @@ def _entry(box: Array, origin: Array, inverse: Array, reach: float) -> float:
 
 @compiled
 def _distance(corners: Array, origin: Array, along: Array) -> float:
-    """Return how far along a ray it crosses a triangle (3, 3); inf if it does not."""
+    """Return the distance at which a ray crosses a triangle (3, 3); inf for a miss."""
     ax, ay, az = corners[0, 0], corners[0, 1], corners[0, 2]
     bx, by, bz = corners[1, 0] - ax, corners[1, 1] - ay, corners[1, 2] - az
     cx, cy, cz = corners[2, 0] - ax, corners[2, 1] - ay, corners[2, 2] - az
@@ -167,10 +166,10 @@ def _cast(
 
     Args:
         triangles: (t, 3, 3) in the tree's order.
-        tree: as `_built`.
+        tree: the tree of `_built`.
         origins: (r, 3).
         directions: (r, 3), the unit of the distances.
-        any_hit: leave off at any triangle that is hit, not the first.
+        any_hit: stop at any hit triangle instead of the first.
     """
     order, boxes, nodes = tree
     found, distance = np.full(len(origins), -1), np.full(len(origins), np.inf)
@@ -193,7 +192,7 @@ def _cast(
             if not count:
                 one = _entry(boxes[first], origin, inverse, distance[r])
                 other = _entry(boxes[first + 1], origin, inverse, distance[r])
-                nearer = 0 if one <= other else 1  # and goes on top
+                nearer = 0 if one <= other else 1  # and is on top of the stack
                 waiting[depth], entries[depth] = first + 1 - nearer, max(one, other)
                 waiting[depth + 1], entries[depth + 1] = first + nearer, min(one, other)
                 depth += 2

@@ -1,7 +1,7 @@
 """Signed-distance grids of meshes (dex-net's recipe: 100 nodes, 5 of margin on each side).
 
-Distances are exact within NARROW_BAND nodes of the surface. Farther away a node takes the closest
-surface point of the band's nearest node: never too short, too long by a spacing at most.
+Distances are exact within NARROW_BAND nodes of the surface. A node farther away takes the closest
+surface point of the band's nearest node: its distance is up to one spacing too long, never short.
 """
 
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ MARGIN = 5  # nodes free on each side of the mesh's longest extent
 NARROW_BAND = 2.5  # spacings
 PAIRS_AT_A_TIME = 400_000  # (triangle, node) pairs held in memory
 NO_LENGTH = 1e-30  # squared spacings
-OFF_GRID = 1.234e-5  # spacings a column is moved aside, so that rays miss edges and vertices
+OFF_GRID = 1.234e-5  # spacings that a column is shifted, so that rays miss edges and vertices
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def signed_distance_grid(mesh: Mesh, nodes: int = NODES) -> SignedDistanceGrid:
 
 
 def _feet_in_band(mesh: Mesh, origin: Array, spacing: float, nodes: int) -> Array:
-    """Return (nodes, nodes, nodes, 3) the surface point closest to each node; nan off the band."""
+    """Return the surface point closest to each node (nodes, nodes, nodes, 3); nan off the band."""
     corners = (mesh.triangles - origin) / spacing  # in spacings, so that node i lies at i
     low, high = node_boxes(corners, nodes, NARROW_BAND)
     feet = _closest_feet(corners, np.ascontiguousarray(mesh.face_normals), low, high, nodes)
@@ -57,10 +57,10 @@ def _feet_in_band(mesh: Mesh, origin: Array, spacing: float, nodes: int) -> Arra
 
 
 def node_boxes(corners: Array, nodes: int, band: float) -> tuple[Indices, Indices]:
-    """Return the first and the last node (f, 3) of the box that is within `band` of each triangle.
+    """Return the first and the last node (f, 3) of the box within `band` of each triangle.
 
-    `corners`: (f, 3, 3) of the triangles, in spacings, so that node i lies at i. Of a triangle off
-    the grid the last node comes before the first.
+    `corners`: (f, 3, 3) of the triangles, in spacings, so that node i lies at i. For a triangle off
+    the grid, the last node comes before the first.
     """
     low = np.maximum(np.ceil(corners.min(axis=1) - band), 0).astype(np.int64)
     high = np.minimum(np.floor(corners.max(axis=1) + band), nodes - 1).astype(np.int64)
@@ -96,7 +96,7 @@ def _pairs(triangles: Indices, low: Indices, size: Indices) -> tuple[Indices, In
 
 @compiled
 def _closest_feet(corners: Array, normals: Array, low: Indices, high: Indices, nodes: int) -> Array:
-    """Return (nodes^3, 3) the point of the nearest triangle, of several as near the first."""
+    """Return the point (nodes^3, 3) of the nearest triangle; of equally near ones, the first."""
     feet, best = np.full((nodes**3, 3), np.nan), np.full(nodes**3, np.inf)
     for t in range(len(corners)):
         a, b, c = _place(corners[t, 0]), _place(corners[t, 1]), _place(corners[t, 2])
@@ -105,7 +105,7 @@ def _closest_feet(corners: Array, normals: Array, low: Indices, high: Indices, n
             for y in range(low[t, 1], high[t, 1] + 1):
                 for z in range(low[t, 2], high[t, 2] + 1):
                     node, at = (float(x), float(y), float(z)), (x * nodes + y) * nodes + z
-                    # The plane's distance is quick to tell, and drops half of the nodes.
+                    # The distance to the plane is quick to compute and excludes half of the nodes.
                     if abs(_dot(_minus(node, a), normal)) > NARROW_BAND:
                         continue
                     foot = _closest(a, b, c, node)
@@ -129,7 +129,7 @@ def _closest(a: Vector, b: Vector, c: Vector, point: Vector) -> Vector:
             close, best = foot, _dot(way, way)
     normal = _cross(_minus(b, a), _minus(c, a))
     area = _dot(normal, normal)
-    if area <= NO_LENGTH:  # of no area: its edges are all of it
+    if area <= NO_LENGTH:  # no area: only its edges
         return close
     foot = _plus(point, -_dot(_minus(point, a), normal) / area, normal)
     for start, end in ((a, b), (b, c), (c, a)):
@@ -164,11 +164,11 @@ def _cross(a: Vector, b: Vector) -> Vector:
 
 
 def _inside(mesh: Mesh, origin: Array, spacing: float, nodes: int) -> Mask:
-    """Return (nodes, nodes, nodes) which nodes the mesh encloses, by vote of the three axes.
+    """Return a mask (nodes, nodes, nodes) of the nodes inside the mesh, by vote of the three axes.
 
-    A column of nodes along an axis votes by how many surfaces lie before each node. One that
-    crosses an odd number of surfaces passes through a hole, or slips between two triangles: it
-    abstains. So a mesh with holes has a sign too, wrong at most near the holes.
+    A column of nodes along an axis votes by the number of surfaces before each node. A column that
+    crosses an odd number of surfaces passes through a hole or between two triangles, and abstains.
+    So a mesh with holes has a sign too, wrong at most near the holes.
     """
     votes = np.zeros((nodes,) * 3, np.int64)
     for axis in range(3):
@@ -179,7 +179,7 @@ def _inside(mesh: Mesh, origin: Array, spacing: float, nodes: int) -> Mask:
 def _column_votes(
     mesh: Mesh, origin: Array, spacing: float, nodes: int, axis: int
 ) -> NDArray[np.int64]:
-    """Return (nodes, nodes, nodes), 1 inside, -1 outside, 0 unknown; nodes along `axis` last."""
+    """Return votes (nodes, nodes, nodes): 1 inside, -1 outside, 0 unknown; `axis` is last."""
     others = [i for i in range(3) if i != axis]
     first, second = np.meshgrid(np.arange(nodes), np.arange(nodes), indexing="ij")
     start = np.zeros((nodes * nodes, 3))

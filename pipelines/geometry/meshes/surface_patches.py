@@ -1,7 +1,7 @@
-"""A mesh's surface as small patches: which of its triangles may meet a box, without trying all.
+"""Small patches of a mesh's surface, to find the triangles that may meet a box without trying all.
 
-A patch is the triangles about one place, with a point of the surface and the radius that holds
-them. How many patches there are depends on the surface's area, not on how it is tessellated.
+A patch is a group of neighbouring triangles with a point of the surface and the radius around that
+point. The number of patches depends on the surface's area, not on its tessellation.
 """
 
 from collections.abc import Sequence
@@ -26,14 +26,14 @@ class SurfacePatches:
     """Patches of a surface; metres, one frame."""
 
     centers: Array  # (n, 3) a point of the surface in each patch
-    radius: Array  # (n,) that holds all of a patch about its centre
-    triangles: Array  # (t, 3, 3) of the mesh; one through several patches is of them all
-    members: Indices  # (m,) indices of the patches' triangles, one patch behind the other
+    radius: Array  # (n,) of the ball about the centre that contains the patch
+    triangles: Array  # (t, 3, 3) of the mesh; a triangle may belong to several patches
+    members: Indices  # (m,) indices of the patches' triangles, patch by patch
     start: Indices  # (n + 1,) patch i has `members[start[i]:start[i + 1]]`
 
     @classmethod
     def from_mesh(cls, mesh: Mesh) -> "SurfacePatches":
-        """Cut the surface of `mesh` into patches; together they are all of it."""
+        """Cut the whole surface of `mesh` into patches."""
         scale = max(1.0, np.sqrt(mesh.area / (0.25 * LONGEST_EDGE**2 * MAX_PIECES)))
         pieces, owner = _split(mesh.triangles, scale * LONGEST_EDGE)
         middle = pieces.mean(axis=1)
@@ -78,7 +78,7 @@ class SurfacePatches:
         )
 
     def triangles_of(self, patch: Indices) -> tuple[Indices, Indices]:
-        """Return, for patches (m,), all pairs of a row of `patch` and one of its triangles."""
+        """Return all pairs of a row of `patch` (m,) and a triangle of that patch."""
         size = self.start[patch + 1] - self.start[patch]
         row = np.repeat(np.arange(len(patch)), size)
         within = np.arange(len(row)) - np.repeat(np.cumsum(size) - size, size)
@@ -88,7 +88,7 @@ class SurfacePatches:
 def _split(triangles: Array, longest: float) -> tuple[Array, Indices]:
     """Halve triangles (n, 3, 3) at their longest edge until none is longer than `longest`.
 
-    Returns the pieces (m, 3, 3) and the triangle (m,) that each is a piece of.
+    Returns the pieces (m, 3, 3) and the triangle (m,) that contains each piece.
     """
     owner = np.arange(len(triangles))
     done, owners = [], []
@@ -109,12 +109,12 @@ def _split(triangles: Array, longest: float) -> tuple[Array, Indices]:
 
 
 def meet_boxes(triangles: Array, low: Array, high: Array) -> Mask:
-    """Return (n,) whether triangles meet the inside of boxes; separating axes, exact.
+    """Return (n,) whether each triangle meets the inside of its box, exactly, by separating axes.
 
-    `triangles` (n, 3, 3); `low`, `high` (n, 3) corners of the boxes, which are aligned with the
-    axes. To touch a box from outside is not to meet it.
+    `triangles` (n, 3, 3); `low`, `high` (n, 3) corners of the axis-aligned boxes. A triangle that
+    touches a box from outside does not meet it.
     """
-    # One contiguous row a coordinate: a third of the time that rows of triangles take.
+    # A contiguous row for each coordinate takes a third of the time of rows of triangles.
     a, b, c = np.ascontiguousarray(np.moveaxis(triangles, 0, 2))
     lowest, highest = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
     meet = ((lowest < high.T) & (highest > low.T)).all(axis=0)
@@ -125,7 +125,7 @@ def meet_boxes(triangles: Array, low: Array, high: Array) -> Mask:
     normal = np.stack([edges[0][j] * edges[1][k] - edges[0][k] * edges[1][j] for j, k in AHEAD])
     apart = np.abs((normal * corners[0]).sum(axis=0)) >= (np.abs(normal) * half).sum(axis=0)
     for edge, start, opposite in zip(edges, corners, (corners[2], *corners[:2]), strict=True):
-        for j, k in AHEAD:  # along an axis of the box x the edge, whose two ends are one there
+        for j, k in AHEAD:  # axis of the box x edge: both ends of the edge project to one point
             reach = half[j] * np.abs(edge[k]) + half[k] * np.abs(edge[j])
             one = edge[j] * start[k] - edge[k] * start[j]
             other = edge[j] * opposite[k] - edge[k] * opposite[j]

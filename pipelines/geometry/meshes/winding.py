@@ -1,8 +1,8 @@
-"""Which way the triangles of a mesh look: made to agree, and turned outward, on open meshes too.
+"""Winding of a mesh's triangles: made consistent and turned outward, on open meshes too.
 
-Meshes from scans and drawing programs have triangles that look inward, all of them or some. On a
-closed mesh the sign of its volume would tell; here what each sheet sees does: rays leave it on
-both sides, and the side from which far fewer of them get away is the inside.
+Meshes from scans and drawing programs have triangles that face inward, all of them or some. On a
+closed mesh the sign of the volume would decide. Here rays leave both sides of each sheet: the side
+from which far fewer rays escape is the inside.
 """
 
 from dataclasses import replace
@@ -17,20 +17,20 @@ from pipelines.geometry.rendering import first_hits
 from pipelines.geometry.transforms import unit
 
 NUM_SAMPLES = 2000  # points of the whole surface that rays leave from
-SAMPLES_A_SHEET = 8  # at least, of each
+SAMPLES_A_SHEET = 8  # at least, on each sheet
 NUM_DIRECTIONS = 12  # rays from a point, on each side
-LIFT = 1e-5  # of the bounding box's diagonal: where rays start, off their own triangle
-CLEARLY_LESS = 0.5  # of the rays that get away on one side do so on the other: that is the inside
+LIFT = 1e-5  # of the bounding box's diagonal: distance of a ray's start from its triangle
+CLEARLY_LESS = 0.5  # escaping rays of the inside, at most, relative to the outside
 NOTABLE = 0.01  # share of a surface
-SEEN_AT_ALL = 0.02  # share of rays that get away; below, a sheet lies in a closed hollow
+SEEN_AT_ALL = 0.02  # share of escaping rays; below, a sheet is in a closed hollow
 
 
 def looks_inward(mesh: Mesh) -> Mask:
-    """Return (f,) which triangles of `mesh` look inward, or against the others of their sheet.
+    """Return a mask (f,) of the triangles of `mesh` that face inward, or against their sheet.
 
-    Triangles that share an edge with one other are a sheet. A sheet whose two sides see equally
-    much, as a single leaf of paper, or nothing, as a closed hollow's wall, is turned as most of
-    the others are.
+    Triangles that share an edge with one other triangle form a sheet. If equally many rays escape
+    from both sides, as from a leaf of paper, or no rays, as from the wall of a closed hollow, the
+    sheet is turned as most other sheets are.
     """
     pairs, opposed = _neighbours(mesh.faces)
     against, sheet = _against_first(len(mesh.faces), pairs, opposed)
@@ -39,7 +39,7 @@ def looks_inward(mesh: Mesh) -> Mask:
         volumes = np.bincount(sheet, np.einsum("ij,ij->i", a, np.cross(b, c)))
         if (volumes > 0.0).all():
             return against  # no rays are needed
-    # Of each sheet the way of most of its area counts, until rays say otherwise.
+    # The majority of a sheet's area decides, unless rays decide otherwise.
     signed = np.bincount(sheet, np.where(against, -1.0, 1.0) * mesh.face_areas)
     against ^= signed[sheet] < 0.0
     inward, outward = _clear_sides(_turned(mesh, against), sheet)
@@ -50,10 +50,10 @@ def looks_inward(mesh: Mesh) -> Mask:
 
 
 def turned_outward(mesh: Mesh) -> tuple[Mesh, str]:
-    """Return `mesh` with all triangles looking outward, in the same order, and what was done.
+    """Return `mesh` with all triangles facing outward, in the same order, and a note on the change.
 
-    The mesh itself and no sentence where that is less than a notable share: scans have a folded
-    triangle here and there.
+    The mesh is unchanged and the note empty if less than a notable share faces inward: scans have
+    some folded triangles.
     """
     inward = looks_inward(mesh)
     if mesh.face_areas[inward].sum() <= NOTABLE * mesh.area:
@@ -67,7 +67,7 @@ def _turned(mesh: Mesh, which: Mask) -> Mesh:
 
 
 def _neighbours(faces: Indices) -> tuple[Indices, Mask]:
-    """Return the pairs (e, 2) of triangles across edges of two, and which of them (e,) disagree."""
+    """Return the pairs (e, 2) of triangles that share an edge, and a mask (e,) of opposed pairs."""
     edges = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     rising = edges[:, 0] < edges[:, 1]
     key = edges.min(axis=1) * (faces.max() + 1) + edges.max(axis=1)
@@ -76,7 +76,7 @@ def _neighbours(faces: Indices) -> tuple[Indices, Mask]:
     twice = starts[np.diff(starts, append=len(order)) == 2]
     first, second = order[twice], order[twice + 1]
     pairs = np.column_stack([first, second]) // 3
-    # Both run along their edge in one direction: they look to different sides.
+    # Both triangles run along the edge in one direction, so they face different sides.
     opposed = rising[first] == rising[second]
     # Folded triangles share two edges.
     _, kept = np.unique(np.sort(pairs, axis=1), axis=0, return_index=True)
@@ -84,12 +84,12 @@ def _neighbours(faces: Indices) -> tuple[Indices, Mask]:
 
 
 def _against_first(count: int, pairs: Indices, opposed: Mask) -> tuple[Mask, Indices]:
-    """Return which of `count` triangles look against the first of their sheet, and their sheet."""
-    # One more than the weight, as sparse graphs hold no zeros.
+    """Return which of `count` triangles are opposed to the first of their sheet, and the sheets."""
+    # Sparse graphs hold no zeros, so each entry is the weight plus one.
     graph = coo_matrix((1 + opposed, (pairs[:, 0], pairs[:, 1])), (count + 1, count + 1))
     sheet = connected_components(graph, directed=False)[1][:count].astype(np.int64)
     firsts = np.unique(sheet, return_index=True)[1]
-    # A root over the first triangle of each sheet makes them one tree.
+    # A root above the first triangles of all sheets joins the sheets into one tree.
     rooted = graph + coo_matrix(
         (np.ones(len(firsts), np.int64), (np.full(len(firsts), count), firsts)), graph.shape
     )
@@ -107,7 +107,7 @@ def _against_first(count: int, pairs: Indices, opposed: Mask) -> tuple[Mask, Ind
 
 
 def _clear_sides(mesh: Mesh, sheet: Indices) -> tuple[Mask, Mask]:
-    """Return which sheets clearly look inward and which outward, by the rays that get away."""
+    """Return masks of the sheets that clearly face inward and outward, by escaping rays."""
     rng = np.random.default_rng(0)
     points, normals, triangle = _samples(mesh, sheet, rng)
     directions = unit(rng.normal(size=(len(points), NUM_DIRECTIONS, 3)))
@@ -126,7 +126,7 @@ def _clear_sides(mesh: Mesh, sheet: Indices) -> tuple[Mask, Mask]:
 
 
 def _samples(mesh: Mesh, sheet: Indices, rng: np.random.Generator) -> tuple[Array, Array, Indices]:
-    """Return points (n, 3), normals (n, 3) and triangles (n,): by area, and some of each sheet."""
+    """Return points (n, 3), normals (n, 3) and triangles (n,), by area, some on each sheet."""
     points, normals, triangle = sample_surface(mesh, NUM_SAMPLES, rng)
     order = rng.permutation(len(sheet))
     order = order[np.argsort(sheet[order], kind="stable")]
@@ -142,7 +142,7 @@ def _samples(mesh: Mesh, sheet: Indices, rng: np.random.Generator) -> tuple[Arra
 
 
 def _distances(mesh: Mesh, origins: Array, directions: Array) -> Array:
-    """Return (n, k) how far rays get from `origins` (n, 3) along `directions` (n, k, 3)."""
+    """Return the free length (n, k) of rays from `origins` (n, 3) along `directions` (n, k, 3)."""
     starts = np.broadcast_to(origins[:, None], directions.shape)
     distance, _ = first_hits(mesh, starts.reshape(-1, 3), directions.reshape(-1, 3))
     return distance.reshape(directions.shape[:2])

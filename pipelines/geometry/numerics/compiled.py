@@ -1,7 +1,7 @@
 """Compilation of inner loops by numba, at their first call.
 
-A loop is used where it can stop early, or needs no arrays for intermediate results. It is compiled
-once on a machine and cached beside this package, or in the user's cache folder. The cache notices
+Loops are used where they stop early or avoid arrays of intermediate results. Each loop is compiled
+once on a machine and cached next to this package, or in the user's cache folder. The cache notices
 changes of the loop's own file only, so a compiled function calls no function and reads no constant
 of another file. Each type of argument is compiled separately, so arrays come in C order. Sums are
 taken in the written order: all machines give the same result.
@@ -30,7 +30,7 @@ def compiled(function: Function) -> Function:
 
 
 class CompilationNotice(event.Listener):
-    """Log once a process that loops are being compiled, since that takes long and is silent."""
+    """Log the compilation of loops once per process, since compilation is slow and silent."""
 
     def on_start(self, started: event.Event) -> None:
         """Log the notice at the first loop of this package."""
@@ -38,7 +38,7 @@ class CompilationNotice(event.Listener):
         if module.startswith("pipelines."):
             event.unregister(COMPILING, self)  # type: ignore[no-untyped-call]
             log.warning(
-                "inner loops are compiled first; that takes up to a minute, once an installation"
+                "inner loops are compiled first; that takes up to a minute, once per installation"
             )
 
     def on_end(self, ended: event.Event) -> None:

@@ -13,14 +13,14 @@ Derivatives = tuple[float, float, float, float]
 Sums = tuple[Array, Array, Array]  # of w J J^T (k, 4, 4), w J r (k, 4) and w (k,), for k starts
 
 SCALES = (0.020, 0.004)  # metres, Tukey's biweight at the first and at the last step
-REACH = SCALES[0] / 2 + SCALES[0]  # metres from a mirror image to the point it is compared with
+REACH = SCALES[0] / 2 + SCALES[0]  # metres from a mirror image to its nearest surface point
 MIN_SLOPE = 0.2  # sine between normal and axis; flat ends of a body hardly determine its axis
-MATCH_NORMAL = np.cos(np.radians(40.0))  # between the normals of an image and of that point
+MATCH_NORMAL = np.cos(np.radians(40.0))  # between the normals of an image and of its nearest point
 
 
 @compiled
 def _row(rows: Array, n: int) -> Vector:
-    """Return a row (3,) as three floats, which cost less than a view of the array."""
+    """Return a row (3,) as three floats, which are faster than a view of the array."""
     return rows[n, 0], rows[n, 1], rows[n, 2]
 
 
@@ -151,8 +151,8 @@ def plane_sums(
             along = _dot(m, v)
             residual = _dot(v, _minus(image, _row(points, nearest[k, n])))
             weight = _biweight(residual, scale)
-            # The nearest point of an image beside the seen surface is on the border of that
-            # surface: it tells nothing about the plane.
+            # An image next to the seen surface has its nearest point on the surface's border,
+            # which does not constrain the plane.
             beside = away[k, n] > REACH or away[k, n] - abs(residual) > SCALES[0] / 2
             alike = _dot(own, v) - 2.0 * _dot(m, own) * along > MATCH_NORMAL
             if weight > 0.0 and alike and not beside:

@@ -1,7 +1,7 @@
-"""Nearest neighbours among a few hundred points, by comparing with all of them.
+"""Nearest neighbours among a few hundred points, by comparison with all points.
 
 A k-d tree is faster only from about a thousand points on. Sorting the points along an axis does not
-pay either: the comparisons run many at a time, which a search along the axis would prevent.
+help: the comparisons are vectorised, which a search along the axis would prevent.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ import numpy as np
 from pipelines.array_types import Array, Indices, Singles
 from pipelines.geometry.numerics.compiled import compiled
 
-ABREAST = 16  # distances that are compared at once
+ABREAST = 16  # distances compared at once
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ def _nearest(points: Array, about: Singles, middle: Array, queries: Array) -> tu
     """Return distances and indices (q,); `about`: (3, n) points relative to `middle` (3,)."""
     away, nearest = np.empty(len(queries)), np.empty(len(queries), np.intp)
     squared = np.empty(about.shape[1], np.float32)
-    # Floats that are not negative are ordered like the integers with the same bits, and the
+    # Floats that are not negative are ordered as the integers with the same bits, and the
     # minimum of integers is vectorised.
     bits = squared.view(np.int32)
     for q in range(len(queries)):

@@ -1,7 +1,7 @@
 """Points sorted into cubes, to rule out a whole cube of points in a collision check.
 
-The points of a cube lie in a ball about the middle of their bounding box; a body that is farther
-from the ball's centre than its radius touches none of them.
+The points of a cube are inside a ball about the middle of their bounding box. A body farther from
+the ball's centre than the ball's radius touches no point of the cube.
 """
 
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ class PointCells:
 
 
 def cell_keys(points: Array, size: float) -> Indices:
-    """Return the number (n,) of the cube of edge `size` metres that each of `points` (n, 3) is in.
+    """Return the number (n,) of the cube of edge `size` metres around each of `points` (n, 3).
 
     Cubes start at the lowest coordinates; numbers ascend by x, then y, then z.
     """
@@ -71,7 +71,7 @@ def _keys(points: Array, size: float) -> Indices:
 def _places(key: Indices) -> tuple[Indices, Indices, Indices]:
     """Return the number (n,) of each key's value, and first index and count (c,) of each value.
 
-    Values are numbered as they first occur, by a hash table with linear probing.
+    Values are numbered in order of first occurrence, by a hash table with linear probing.
     """
     bits = 4
     while 1 << bits < 2 * len(key):

@@ -14,7 +14,7 @@ from pipelines.array_types import Array
 def quantiles(values: ArrayLike, shares: float | Sequence[float]) -> Array:
     """Return the quantiles (..., q) at `shares`, 0 to 1, of `values` (..., n) on the last axis.
 
-    Linear between two values; for a single share without the axis q.
+    Interpolation is linear; for a single share, the axis q is omitted.
     """
     ordered = np.sort(np.asarray(values, np.float64), axis=-1)
     place = np.asarray(shares) * (ordered.shape[-1] - 1)

@@ -1,8 +1,8 @@
 """Distances to triangles in single precision, bit for bit as in ray-tracing kernels.
 
-GraspNet's evaluator rejects a contact where the distance along the finger's path is linear up to
-1e-10, which on flat faces depends on the last bits of a float. Its verdicts need the same bits, so
-the order of every sum here is part of the result.
+GraspNet's evaluator rejects a contact if the distance along the finger's path is linear up to
+1e-10, which on flat faces depends on the last bits of a float. Equal verdicts need equal bits, so
+the order of every sum here matters.
 """
 
 from dataclasses import replace
@@ -28,7 +28,7 @@ BAND = 2.5  # spacings; contacts and normals are read from nodes within 2.3
 def single_precision_grid(mesh: Mesh, nodes: int = NODES) -> SignedDistanceGrid:
     """Return `signed_distance_grid` with the values within `BAND` in single precision.
 
-    Contacts depend on these values only; the others merely say that the surface is far.
+    Contacts depend on these values only; all other values only mean that the surface is far.
     """
     grid = signed_distance_grid(mesh, nodes)
     shape = grid.values.shape
@@ -39,7 +39,7 @@ def single_precision_grid(mesh: Mesh, nodes: int = NODES) -> SignedDistanceGrid:
         places = (grid.origin + grid.spacing * node).astype(np.float32)
         flat = np.ravel_multi_index((node[:, 0], node[:, 1], node[:, 2]), shape)
         gap = distances(places, corners[triangle])
-        np.fmin.at(best, flat, gap)  # the distance of a triangle without area is nan
+        np.fmin.at(best, flat, gap)  # the distance to a triangle without area is nan
         touching = gap < TOUCHING * grid.spacing
         height = _heights(places[touching], corners[triangle[touching]])
         _settle_signs(sign, flat[touching], gap[touching], height)
@@ -51,8 +51,8 @@ def single_precision_grid(mesh: Mesh, nodes: int = NODES) -> SignedDistanceGrid:
 def _heights(points: Singles, triangles: Singles) -> Array:
     """Return the exact height (n,) of points above their triangles' planes, metres.
 
-    A ray along (1, 1, 1) from a point in the plane itself counts as crossing the triangle: the
-    point is inside if the ray leaves the body there, outside if it enters.
+    A ray along (1, 1, 1) from a point in the plane counts as crossing the triangle: the point is
+    inside if the ray leaves the body there, outside if the ray enters.
     """
     corner = triangles.astype(np.float64)
     normal = unit(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]))
@@ -64,7 +64,7 @@ def _heights(points: Singles, triangles: Singles) -> Array:
 def _settle_signs(sign: Array, node: Indices, gap: Singles, height: Array) -> None:
     """Set the sign of nodes within rounding of the surface by their nearest triangle.
 
-    There the side of the face is known exactly, and the parity of a ray's crossings is not.
+    There the side of the face is exact, but the parity of a ray's crossings is not.
     """
     order = np.lexsort((height, -np.abs(height), gap, node))
     settled, first = np.unique(node[order], return_index=True)
@@ -74,7 +74,7 @@ def _settle_signs(sign: Array, node: Indices, gap: Singles, height: Array) -> No
 
 @compiled
 def distances(points: Singles, triangles: Singles) -> Singles:
-    """Return the distance (n,) of `points` (n, 3) to `triangles` (n, 3, 3), each to its own.
+    """Return the distance (n,) of each of `points` (n, 3) to its triangle of `triangles` (n, 3, 3).
 
     Signed areas decide whether the nearest point is a corner, on an edge or inside.
     """
@@ -88,10 +88,10 @@ def distances(points: Singles, triangles: Singles) -> Singles:
 
 
 @compiled
-def _closest(  # noqa: PLR0911 - one a case
+def _closest(  # noqa: PLR0911 - one per case
     a: SingleVector, b: SingleVector, c: SingleVector, point: SingleVector
 ) -> SingleVector:
-    """Return the point of the triangle a, b, c closest to `point`; nan without an area."""
+    """Return the point of the triangle a, b, c closest to `point`; nan if the area is 0."""
     ab, ac = _minus(b, a), _minus(c, a)
     d1, d2 = _dot(ab, _minus(point, a)), _dot(ac, _minus(point, a))
     d3, d4 = _dot(ab, _minus(point, b)), _dot(ac, _minus(point, b))

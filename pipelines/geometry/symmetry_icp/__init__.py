@@ -1,1 +1,1 @@
-"""Symmetry by fitting, the geometric rival of Sec. IV-E (its reference [7], Ecins et al. 2018)."""
+"""Symmetry by fitting, the geometric method of Sec. IV-E (reference [7], Ecins et al. 2018)."""

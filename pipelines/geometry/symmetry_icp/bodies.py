@@ -1,7 +1,7 @@
-"""Rotation axes and centres of spheres of the points of one view. Camera frame, metres.
+"""Rotation axes and sphere centres fitted to the points of one view. Camera frame, metres.
 
-An axis meets the normal line of every surface point that it turns; all normal lines of a sphere
-meet at its centre. Spheres are not of the published method, which has none.
+An axis meets the normal line of every point on its surface; all normal lines of a sphere meet at
+its centre. The published method has no spheres.
 """
 
 from collections.abc import Callable
@@ -15,15 +15,15 @@ from pipelines.geometry.symmetry_icp.surface import FreeSpace, SeenSurface, larg
 from pipelines.geometry.transforms import basis_from_direction, unit
 
 THINNING = 0.005  # metres
-MIN_SURFACE = 20  # points within the rim below which the rim counts too
-MAX_ERROR = np.pi / 4  # radians, of one point in the fit
-FULL_FIT, FULL_MISS = 10.0, 60.0  # degrees, ramp of a point's error in the score
+MIN_SURFACE = 20  # points inside the rim below which the rim is used too
+MAX_ERROR = np.pi / 4  # radians, largest error of a point in the fit
+FULL_FIT, FULL_MISS = 10.0, 60.0  # degrees, limits of the score's ramp over a point's error
 TURNS = 2 * np.pi * np.arange(1, 12) / 12
 MAX_SYMMETRY, MAX_OCCLUSION, MAX_PERPENDICULARITY = 0.02, 0.012, 0.6
 MIN_COVERAGE, MIN_SPHERE_COVERAGE = 0.3, 0.1
-DIRECTIONS = 200  # over the sphere; a point covers those within the next angle of it
+DIRECTIONS = 200  # over the sphere; a point covers all directions within the next angle
 COVER_COSINE = np.cos(np.radians(10.0))
-SPHERE_AXES = 3  # random ones that a sphere's points are turned about
+SPHERE_AXES = 3  # random axes that a sphere's points are turned about
 
 
 @dataclass(frozen=True)
@@ -32,10 +32,10 @@ class BodyFit:
 
     Attributes:
         symmetry: the axis or the sphere.
-        error: of normals that do not meet it; 0 for none.
-        occlusion: how far turned points reach into free space; 0 for not at all.
+        error: error of normals that do not meet the axis or centre; 0 for none.
+        occlusion: degree to which turned points are in free space; 0 for none.
         coverage: share of the turn, or of the solid angle, that the points cover.
-        is_accepted: whether it passes the thresholds.
+        is_accepted: whether the fit passes the thresholds.
     """
 
     symmetry: RotationSymmetry | SphereSymmetry
@@ -60,7 +60,7 @@ def smooth_part(surface: SeenSurface) -> SeenSurface:
 def axis_fit(surface: SeenSurface, space: FreeSpace) -> BodyFit:
     """Return the best axis of `surface`, one of `smooth_part`.
 
-    Of accepted axes it is the one of least occlusion; without any, the most confident.
+    The accepted axis of least occlusion; if none is accepted, the most confident axis.
     """
     points = surface.points
     mean = points.mean(axis=0)
@@ -85,14 +85,14 @@ def _refined_axis(surface: SeenSurface, axis: Array, mean: Array) -> RotationSym
 
 
 def _axis_errors(surface: SeenSurface, axis: Array, foot: Array) -> Array:
-    """Return (n,) radians by which normals leave the planes through the axis."""
+    """Return the angles (n,) in radians between normals and the planes through the axis."""
     tangents = unit(np.cross(surface.points - foot, axis))
     sine = np.abs(np.einsum("ni,ni->n", surface.normals, tangents))
     return np.asarray(np.arcsin(np.clip(sine, 0.0, 1.0)))
 
 
 def _least(errors: Callable[[Array], Array], unknowns: int) -> Array:
-    """Return the step (unknowns,) of least squared `errors`."""
+    """Return the step (unknowns,) with the least squared `errors`."""
     from scipy.optimize import least_squares  # noqa: PLC0415 - slow to import, one method needs it
 
     return np.asarray(least_squares(errors, np.zeros(unknowns), x_scale="jac", max_nfev=60).x)
@@ -113,7 +113,7 @@ def _scored_axis(axis: RotationSymmetry, surface: SeenSurface, space: FreeSpace)
 
 
 def sphere_fit(surface: SeenSurface, space: FreeSpace, seed: int = 0) -> BodyFit:
-    """Return the sphere of `surface`, one of `smooth_part`; `seed`: of the axes it is turned by."""
+    """Return the sphere of `surface`, one of `smooth_part`; `seed`: for the axes of its turns."""
     points, normals = surface.points, surface.normals
     across = np.eye(3) - normals[:, :, None] * normals[:, None]
     meeting = np.linalg.pinv(across.sum(axis=0)) @ np.einsum("nij,nj->i", across, points)
@@ -131,7 +131,7 @@ def sphere_fit(surface: SeenSurface, space: FreeSpace, seed: int = 0) -> BodyFit
 
 
 def _sphere_errors(surface: SeenSurface, centre: Array) -> Array:
-    """Return (n,) radians between normals and the directions away from `centre`."""
+    """Return the angles (n,) in radians between normals and directions away from `centre`."""
     cosine = np.einsum("ni,ni->n", surface.normals, unit(surface.points - centre))
     return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))
 

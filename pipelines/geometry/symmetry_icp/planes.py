@@ -1,6 +1,6 @@
 """Mirror planes of the points of one view: iterated closest points, scores and duplicates.
 
-Camera frame, metres. Constants are those of the method's released program, unless said.
+Camera frame, metres. Constants are from the method's released program, unless noted.
 """
 
 from collections.abc import Sequence
@@ -14,23 +14,23 @@ from pipelines.geometry.symmetry import ReflectionSymmetry
 from pipelines.geometry.symmetry_icp.surface import FreeSpace, SeenSurface, ramp
 from pipelines.geometry.transforms import basis_from_direction, unit
 
-DIVISIONS = 5  # of the half circle, along the equator of the starts and up from it
+DIVISIONS = 5  # of the half circle, along the equator of the starts and above the equator
 VOXEL_SHARE, MIN_VOXEL = 0.016, 0.002  # of the region's diagonal; metres
-MAX_QUERIES = 500  # points that are mirrored in a round, onto all points; here, for speed
-SHIFTS = 2  # here also at the refined normal: flat faces let a plane slide in the rounds
+MAX_QUERIES = 500  # points mirrored onto all points in a round; added here, for speed
+SHIFTS = 2  # added here, at the refined normal: planes slide on flat faces
 ROUNDS = 20
-MIN_PAIRS = 4  # below which no plane is determined; chosen by eye
+MIN_PAIRS = 4  # fewer pairs determine no plane; chosen by eye
 MIN_APART = 4  # voxels between a point and its counterpart
 MAX_PAIR_COSINE = np.cos(np.radians(45.0))  # of the normals of a pair
-# Cosines of normals that agree to this are equal: on a flat face all pairs of a point are best.
+# Cosines equal to this precision are ties: on a flat face, all pairs of a point are best.
 SAME_DECIMALS = 3
-DAMPING = (1e-6, 1e-3, 1.0)  # of a step, relative; the next where the last does not improve
-# Least squared gradient of a pair: what pairs hardly determine stays as it is.
+DAMPING = (1e-6, 1e-3, 1.0)  # of a step, relative; the next value if a step does not improve
+# Least squared gradient of a pair: unknowns that pairs hardly determine do not change.
 FLOOR = np.array([1e-5, 1e-5, 1e-2])  # of two turns, and of the shift
 STEP_ANGLE, STEP_SHIFT = np.radians(0.05), 1e-4  # radians and metres that end the rounds
-NEAR = 0.01  # metres from the cloud within which an image is compared with it
+NEAR = 0.01  # metres from the cloud within which images are compared
 FULL_INLIER, OUTLIER = 15.0, 20.0  # degrees between normals of an inlier, and of an outlier
-THIN = 135.0  # degrees beyond which the back of a thin wall is met
+THIN = 135.0  # degrees from which the image is on the back of a thin wall
 MIN_CLOUD_SCORE, MIN_PAIR_SCORE, MAX_OCCLUSION = 0.3, 0.8, 0.01
 SAME_COSINE, SAME_SHIFT = np.cos(np.radians(7.0)), 0.01  # of duplicates; metres
 
@@ -43,7 +43,7 @@ class PlaneFit:
         symmetry: through the point nearest to the cloud's mean.
         cloud: share of all points whose image meets the surface with the right normal.
         pairs: share of the images near the surface that do so.
-        occlusion: how far images reach into free space; 0 for not at all.
+        occlusion: degree to which images are in free space; 0 for none.
     """
 
     symmetry: ReflectionSymmetry
@@ -85,7 +85,7 @@ def _starting_normals(points: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Search:
-    """What the planes of one region are fitted to; planes lie at n . (x - mean) = offset."""
+    """Points that the planes n . (x - mean) = offset of one region are fitted to."""
 
     surface: SeenSurface
     voxel: float
@@ -93,9 +93,9 @@ class _Search:
     mean: Array
 
     def refined(self, start: Array) -> ReflectionSymmetry | None:
-        """Return the plane that the one through the mean, normal `start` (3,), is brought to.
+        """Return the plane refined from the plane through the mean with normal `start` (3,).
 
-        None where too few pairs determine one.
+        None if there are too few pairs.
         """
         normal, offset = start, 0.0
         for _ in range(SHIFTS):
@@ -106,7 +106,7 @@ class _Search:
         return ReflectionSymmetry(normal, self.mean + offset * normal)
 
     def _brought_to_rest(self, normal: Array, offset: float) -> tuple[Array, float] | None:
-        """Return normal and offset of the plane after rounds of closest points; None as above."""
+        """Return normal and offset after rounds of closest points; None with too few pairs."""
         for _ in range(ROUNDS):
             moved, met = self._pairs(normal, offset)
             if len(moved) < MIN_PAIRS:
@@ -119,7 +119,7 @@ class _Search:
         return normal, offset
 
     def _shift(self, normal: Array) -> float:
-        """Return the median offset of the midpoints of points that lie opposite along `normal`."""
+        """Return the median offset of midpoints between opposite points along `normal`."""
         points, normals = self.surface.points - self.mean, self.surface.normals
         flat = points @ basis_from_direction(normal)[:, 1:]
         pairs = cKDTree(flat).query_pairs(0.5 * self.voxel, output_type="ndarray")
@@ -152,14 +152,14 @@ class _Search:
         return moved[nearest], met[nearest]
 
     def _nearest(self, queries: Array, within: float) -> tuple[Array, Indices]:
-        """Return distance and index (n,) of the point nearest to `queries`; inf where none is."""
+        """Return distance and index (n,) of the point nearest to `queries`; inf without one."""
         away, met = self.tree.query(queries, distance_upper_bound=within)
         return np.asarray(away), np.asarray(met)
 
     def _stepped(
         self, moved: Indices, met: Indices, normal: Array, offset: float
     ) -> tuple[Array, float]:
-        """Return normal and offset after Levenberg-Marquardt's steps for these pairs."""
+        """Return normal and offset after Levenberg-Marquardt steps for the given pairs."""
         q, p = (self.surface.points[each] - self.mean for each in (moved, met))
         n_q = self.surface.normals[moved]
         for _ in range(3):
@@ -194,7 +194,7 @@ class _Search:
 def _residuals(q: Array, p: Array, n_q: Array, normal: Array, offset: float) -> tuple[Array, Array]:
     """Return the distances (m,) of `p` from the tangent planes at the images of `q`.
 
-    All are (m, 3), about the mean. The gradient (m, 3) is that by the normal.
+    All inputs are (m, 3), relative to the mean. The gradient (m, 3) is by the normal.
     """
     c, height = n_q @ normal, p @ normal - offset
     r = np.einsum("ni,ni->n", p - q, n_q) - 2 * c * height
@@ -202,7 +202,7 @@ def _residuals(q: Array, p: Array, n_q: Array, normal: Array, offset: float) -> 
 
 
 def _without_duplicates(fits: Sequence[PlaneFit]) -> list[PlaneFit]:
-    """Return the fit of least occlusion of each group of alike ones, the largest groups first."""
+    """Return the fit of least occlusion of each group of alike fits, largest groups first."""
     if not fits:
         return []
     normal = np.array([fit.symmetry.normal for fit in fits])
@@ -218,7 +218,7 @@ def _without_duplicates(fits: Sequence[PlaneFit]) -> list[PlaneFit]:
 
 
 def _largest_clique(chosen: set[int], left: set[int], alike: Array) -> set[int]:
-    """Return the largest set of `chosen` and some of `left` whose members are all alike."""
+    """Return the largest set of `chosen` and members of `left` that are all alike."""
     best, open_ones = chosen, set(left)
     while open_ones and len(chosen) + len(open_ones) > len(best):
         first = min(open_ones)

@@ -1,4 +1,4 @@
-"""Points of one view with normals, thinned, and the free space about them. Camera frame, metres."""
+"""Thinned points of one view with normals, and the free space about them; camera frame, metres."""
 
 from dataclasses import dataclass
 
@@ -15,10 +15,10 @@ from pipelines.geometry.transforms import basis_from_direction, unit
 CELL = 0.005  # metres, edge of a cell of the distance field
 REACH = 0.15  # metres about the region that the field covers
 FREE_MARGIN = 0.01  # metres before a measured surface, where a cell is not yet free
-MIN_FREE, MAX_FREE = 0.01, 0.03  # metres from the nearest obstacle: not at all, and wholly in free
-RIM = 0.01  # metres from the cloud's edge where points are left out
+MIN_FREE, MAX_FREE = 0.01, 0.03  # metres from the nearest obstacle: not, and fully, in free space
+RIM = 0.01  # metres from the cloud's edge within which points are left out
 RIM_NEIGHBOURS = 20
-RIM_GAP = np.pi / 2  # angle without a neighbour, seen from a point of the edge
+RIM_GAP = np.pi / 2  # angle without a neighbour at a point of the edge
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class SeenSurface:
         return SeenSurface(self.points[inner], self.normals[inner])
 
     def _rim(self) -> Mask:
-        """Return which points (n,) have neighbours in the tangent plane on one side only."""
+        """Return a mask (n,) of points with neighbours on one side only, in the tangent plane."""
         count = min(RIM_NEIGHBOURS, len(self) - 1)
         if count < 2:
             return np.ones(len(self), bool)
@@ -70,12 +70,12 @@ def largest_gaps(angles: Array) -> Array:
 
 @dataclass(frozen=True)
 class FreeSpace:
-    """The distance to the nearest obstacle in the space that the camera saw to be free.
+    """Distance to the nearest obstacle in the space that the camera saw to be free.
 
     Attributes:
         low: (3,) centre of the first cell.
         distance: (x, y, z) metres at the centres of cells of edge `CELL`.
-        table: the support plane, normal up; None where none is known.
+        table: the support plane, normal up; None if unknown.
     """
 
     low: Array
@@ -88,8 +88,8 @@ class FreeSpace:
     ) -> "FreeSpace":
         """Return the free space about `points` (n, 3), given `depth` (H, W), 0 where missing.
 
-        A cell is free where a measured surface lies more than `FREE_MARGIN` behind its centre; all
-        others, also those that nothing was measured behind, are obstacles.
+        A cell is free if a measured surface is more than `FREE_MARGIN` behind its centre. All other
+        cells, also cells without a measurement behind them, are obstacles.
         """
         low = points.min(axis=0) - REACH
         size = np.ceil((points.max(axis=0) + REACH - low) / CELL).astype(int) + 1
@@ -104,13 +104,13 @@ class FreeSpace:
 
     @classmethod
     def unknown(cls) -> "FreeSpace":
-        """Return the space of which nothing was seen."""
+        """Return a space without any seen part."""
         return cls(np.zeros(3), np.zeros((1, 1, 1)), None)
 
     def occupancy_error(self, points: Array) -> Array:
-        """Return (...) 0 where `points` (..., 3) may be real, to 1 where they float in free space.
+        """Return (...) the error of `points` (..., 3): 0 if possible, 1 if in free space.
 
-        Nor may they lie beneath the table.
+        Depth below the table counts as distance into free space.
         """
         places = np.moveaxis((points - self.low) / CELL, -1, 0)
         distance = map_coordinates(self.distance, places, order=1, mode="constant")

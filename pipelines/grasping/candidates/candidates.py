@@ -1,6 +1,6 @@
 """Contact pairs of a region with the approaches to try at each, before any check.
 
-Pairs of graspable points and their counterparts under a symmetry (Sec. III-E, III-F), and random
+Pairs are graspable points with their counterparts under a symmetry (Sec. III-E, III-F), or random
 antipodal pairs, a baseline without any prediction.
 """
 
@@ -30,9 +30,9 @@ class GraspCandidates:
     Attributes:
         contacts: (k, 2, 3).
         approach: (k, 3) unit.
-        angles: (m,) radians, that turn each approach about its contact line.
-        quality: (k,) 0 to 1, how well the fingers would hold there.
-        affordance: (k,) predicted; 0 where nothing was predicted.
+        angles: (m,) radians, turns of each approach about its contact line.
+        quality: (k,) 0 to 1, expected quality of the grip.
+        affordance: (k,) predicted; 0 without a prediction.
         slot: (k,) symmetry slot, -1 without symmetry.
         source: `network`, `planar` or `random`.
     """
@@ -49,7 +49,7 @@ class GraspCandidates:
     def without_symmetry(
         cls, contacts: Array, approach: Array, angles: Array, quality: Array, source: str
     ) -> "GraspCandidates":
-        """Return contact pairs for which nothing was predicted."""
+        """Return contact pairs without predictions."""
         nothing = np.zeros(len(quality)), np.full(len(quality), -1, np.int64)
         return cls(contacts, approach, angles, quality, *nothing, source)
 
@@ -82,10 +82,10 @@ def symmetric_candidates(
 ) -> GraspCandidates:
     """Return pairs of the graspable points of `region` with their counterparts.
 
-    Of several `symmetries`, each with its slot, the one whose counterpart's normal is closest to
-    antiparallel wins (D. 5): mirroring turns a normal n into n - 2 (n.m) m, so that is the largest
-    |n.m|, and the same for an axis or a centre with the direction across it. `affordance`: (n,) of
-    the points.
+    Among several `symmetries`, each with its slot, the symmetry with the most antiparallel normal
+    at the counterpart wins (D. 5). Mirroring turns a normal n into n - 2 (n.m) m, so this is the
+    largest |n.m|; for an axis or a centre, m is the direction across. `affordance`: (n,) of the
+    points.
     """
     scene, angles = feasibility.scene, every_angle(config.num_approach_angles)
     chosen = np.flatnonzero(affordance > config.min_affordance)
@@ -114,9 +114,10 @@ def symmetric_candidates(
 def _best_images(
     points: Array, normals: Array, images: Array, real: Mask, widths: tuple[float, float]
 ) -> tuple[Indices, Array]:
-    """Return which of its `images` (n, k, 3) each of `points` (n, 3) is paired with, -1 for none.
+    """Return the index (n,) of the image in `images` (n, k, 3) for each of `points` (n, 3), or -1.
 
-    And the cosine (n,) between its normal and the line to it. `widths`: the least and greatest.
+    Also the cosine (n,) between the point's normal and the line to the image. `widths`: the least
+    and the greatest distance of the two.
     """
     narrow, wide = widths
     best, cosine = np.full(len(points), -1, np.int64), np.zeros(len(points))
@@ -138,10 +139,10 @@ def _best_images(
 def random_candidates(
     region: RegionCloud, config: CandidateConfig, feasibility: Feasibility, rng: np.random.Generator
 ) -> GraspCandidates:
-    """Return random pairs of the points of `region` that the gripper's width allows.
+    """Return random pairs of points of `region` within the gripper's width.
 
-    Both normals are within 40 degrees of the line between the points, where such pairs are
-    seen from one side; where none is drawn, all pairs are returned, the least bad first.
+    Both normals are within 40 degrees of the line between the points, if the view shows such
+    pairs; if none is drawn, all pairs are returned, the best first.
     """
     first, second = rng.integers(0, len(region), (2, DRAWS))
     contacts = np.stack([region.points[first], region.points[second]], 1)
@@ -154,7 +155,7 @@ def random_candidates(
     narrow, wide = feasibility.widths
     fits = (width >= narrow) & (width <= wide)
     chosen = np.flatnonzero(fits & (cosine > LEAST_COSINE))
-    if not len(chosen):  # nothing antipodal is seen
+    if not len(chosen):  # no antipodal pair is seen
         order = np.argsort(-cosine, kind="stable")
         chosen = order[fits[order]]
     contacts = contacts[chosen[: config.max_pairs]]

@@ -1,9 +1,9 @@
 """Planar grasps from a region's boundary, without symmetry (Sec. III-F, D. 8).
 
 A region is seen along an approach direction and sliced at some depths behind its nearest point.
-Each slice is a mask on the plane across the approach; two points of its boundary whose outward
-normals oppose each other along the line between them are a grasp. Slicing at several depths finds
-the walls of hollow things as well: a bowl's slice below the rim is a ring.
+Each slice is a mask on the plane across the approach. Two points of its boundary with opposite
+outward normals along the line between them are a grasp. Slices at several depths also find the
+walls of hollow objects: a bowl's slice below the rim is a ring.
 """
 
 from dataclasses import dataclass
@@ -22,21 +22,21 @@ from pipelines.grasping.scene import RegionCloud, SceneCloud
 
 SLICE_DEPTHS = (0.006, 0.013, 0.025, 0.045, 0.08)  # metres behind the nearest point
 TILTS = (0.0, 0.35, 0.7, 1.0)  # shares of the way from the table's normal to the view ray
-THINNEST = 0.004  # metres that a slice lies behind the nearest point at least
+THINNEST = 0.004  # metres, least depth of a slice behind the nearest point
 STEEP_APPROACH = 0.9  # cosine to the table's normal from which the table bounds the depth
-MAX_BOUNDARY = 72  # boundary points a slice
-MAX_PAIRS = 24  # pairs a slice
-PLACE = 4.0  # cells: one pair whose middle lies in such a square
+MAX_BOUNDARY = 72  # boundary points per slice
+MAX_PAIRS = 24  # pairs per slice
+PLACE = 4.0  # cells, side of a square with at most one pair's middle
 MIN_HOLDING = 0.8  # cosine of the contact angle; rubber pads slip at about 0.75, 37 degrees
 ANGLES = np.radians([0.0, 20.0, -20.0, 40.0, -40.0])  # about the contact line
-HIDDEN_PENALTY = 0.3  # of the confidence that a boundary that faces away is the object's end
+HIDDEN_PENALTY = 0.3  # of the confidence that a boundary facing away is the object's end
 MIN_CELL, MAX_CELLS = 0.002, 120  # metres; cells along the longer side
 MARGIN = 3  # empty cells about the region
 
 
 @dataclass(frozen=True)
 class HeightMap:
-    """A region seen along `approach`: the depth of its nearest point in each cell of a grid."""
+    """A region seen along `approach`: the depth of the nearest point in each cell of a grid."""
 
     axes: Array  # (3, 3) columns approach, right, down
     low: Array  # (2,) metres, corner of the grid
@@ -55,17 +55,17 @@ class HeightMap:
         return cls(axes, low - MARGIN * cell, cell, depth)
 
     def across(self, direction: Array) -> Array:
-        """Return (2,) the part of `direction` (3,) on the plane across the approach."""
+        """Return the part (2,) of `direction` (3,) in the plane across the approach."""
         return np.asarray(direction @ self.axes[:, 1:])
 
     def points_at(self, pixels: Array, depth: float) -> Array:
-        """Return (n, 3) camera-frame points of `pixels` (n, 2) as (column, row) at `depth`."""
+        """Return points (n, 3), camera frame, of `pixels` (n, 2) as (column, row) at `depth`."""
         flat = self.low + (pixels + 0.5) * self.cell
         return np.asarray(flat @ self.axes[:, 1:].T + depth * self.axes[:, 0])
 
 
 def planar_candidates(region: RegionCloud, feasibility: Feasibility) -> GraspCandidates:
-    """Return boundary grasps of `region` along the table's normal, the view ray and between."""
+    """Return planar grasps of `region` along the table's normal, the view ray and between."""
     contacts, quality, approaches = [np.zeros((0, 2, 3))], [np.zeros(0)], [np.zeros((0, 3))]
     for approach in approach_directions(region, feasibility.scene):
         view = HeightMap.of(region.points, approach)
@@ -87,16 +87,16 @@ def approach_directions(region: RegionCloud, scene: SceneCloud) -> list[Array]:
 
 
 def _slice_depths(view: HeightMap, feasibility: Feasibility) -> list[tuple[float, float]]:
-    """Return where to slice, and how deep the contacts then are, along the approach.
+    """Return the depths of slices, and of the contacts in each, along the approach.
 
-    From above, the table bounds the depth of the tips. On a thin object the contacts may lie a
-    little before its surface then, as long as it is still between the tips.
+    From above, the table bounds the depth of the tips. On a thin object the contacts may then be
+    slightly in front of the surface, as long as the object is still between the tips.
     """
     gripper, config, table = feasibility.gripper, feasibility.config, feasibility.scene.plane
     seen = view.depth[np.isfinite(view.depth)]
     nearest, farthest = quantiles(seen, (0.02, 0.98))
     deep = [d for d in SLICE_DEPTHS[1:] if d < farthest - nearest + THINNEST]
-    # At least one: beneath a flat top seen from straight above are sides that show nowhere.
+    # At least one slice: the sides beneath a flat top, seen from straight above, are invisible.
     slices = nearest + np.array([SLICE_DEPTHS[0], *deep])
     slope = 0.0 if table is None else float(-view.axes[:, 0] @ table.normal)
     if table is None or slope < STEEP_APPROACH:
@@ -111,7 +111,7 @@ def _slice_depths(view: HeightMap, feasibility: Feasibility) -> list[tuple[float
 def _slice_pairs(
     view: HeightMap, depth: float, region: RegionCloud, feasibility: Feasibility
 ) -> tuple[Array, Array]:
-    """Return the best pairs of one slice: cells (k, 2, 2) as (column, row), and quality (k,)."""
+    """Return the best pairs (k, 2, 2) of a slice, cells as (column, row), and quality (k,)."""
     inside = np.asarray(cv2.medianBlur((view.depth <= depth).astype(np.uint8), 3), np.uint8)
     boundary, outward = _boundary(inside)
     if len(boundary) < 2:
@@ -125,7 +125,7 @@ def _slice_pairs(
 
 
 def _boundary(inside: NDArray[np.uint8]) -> tuple[Array, Array]:
-    """Return boundary cells (n, 2) as (column, row), evenly taken, and outward normals (n, 2)."""
+    """Return evenly chosen boundary cells (n, 2) (column, row), and outward normals (n, 2)."""
     contours, _ = cv2.findContours(inside, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     long = [contour[:, 0] for contour in contours if len(contour) > 4]
     if not long:
@@ -138,9 +138,9 @@ def _boundary(inside: NDArray[np.uint8]) -> tuple[Array, Array]:
 
 @compiled
 def _nearest_in_cells(local: Array) -> tuple[Array, float, Array]:
-    """Return the lowest right and down of `local` (n, 3), the cell and (rows, columns) depths.
+    """Return the lowest right and down of `local` (n, 3), the cell size and a depth image.
 
-    Those of the nearest point of each cell, inf where there is none.
+    The depth (rows, columns) is the depth of the nearest point of each cell, inf if empty.
     """
     x0, y0, x1, y1 = local[0, 1], local[0, 2], local[0, 1], local[0, 2]
     for n in range(len(local)):
@@ -158,7 +158,7 @@ def _nearest_in_cells(local: Array) -> tuple[Array, float, Array]:
 
 @compiled
 def _filled(depth: Array, inside: NDArray[np.uint8]) -> Array:
-    """Return `depth` (h, w) with cells `inside` and not measured as near as the nearest around."""
+    """Return `depth` (h, w) with unmeasured cells `inside` set to the nearest depth around."""
     height, width = depth.shape
     filled = depth.copy()
     for row in range(height):
@@ -173,7 +173,7 @@ def _filled(depth: Array, inside: NDArray[np.uint8]) -> Array:
 
 @compiled
 def _slopes(smooth: Array, cells: Indices) -> Array:
-    """Return (n, 2) how `smooth` (h, w) rises at `cells` (n, 2), as Sobel's filters do."""
+    """Return the gradient (n, 2) of `smooth` (h, w) at `cells` (n, 2) by Sobel's filters."""
     slopes = np.empty((len(cells), 2))
     for n in range(len(cells)):
         j, i = cells[n, 0], cells[n, 1]
@@ -186,10 +186,10 @@ def _slopes(smooth: Array, cells: Indices) -> Array:
 
 @compiled
 def _wall_steepness(depth: Array, at: float, cell: float, cells: Array, outward: Array) -> Array:
-    """Return (n,) the sine between the wall below a boundary cell and the plane of the slice.
+    """Return the sine (n,) between the wall below a boundary cell and the plane of the slice.
 
-    Two cells farther out the region is either gone (a wall as steep as can be seen) or has
-    fallen away by so much. `depth`: (h, w), sliced `at` metres.
+    Two cells farther out the region has either ended (a wall as steep as can be seen) or is deeper
+    by an amount that gives the slope. `depth`: (h, w), sliced `at` metres.
     """
     height, width = depth.shape
     steep = np.ones(len(cells))
@@ -213,8 +213,8 @@ def _holding_pairs(
 ) -> tuple[Indices, Array]:
     """Return the pairs (k, 2) of n boundary points that fingers hold, and their quality (k,).
 
-    `contact` (n, 2) are in cells; `ends` (n,): confidence that each is the object's end; `fitting`:
-    the least and greatest metres between two.
+    `contact` (n, 2): cells; `ends` (n,): confidence that each point is the object's end; `fitting`:
+    the least and the greatest distance of a pair, metres.
     """
     narrow, wide = fitting
     most = len(contact) * (len(contact) - 1) // 2
@@ -237,7 +237,7 @@ def _holding_pairs(
 
 @compiled
 def _spread(contact: Array, pairs: Indices, order: Indices) -> Indices:
-    """Return the first few in `order` of `pairs` (k, 2), at most one about one place."""
+    """Return the first few of `pairs` (k, 2) in `order`, at most one at each place."""
     best, places = np.empty(MAX_PAIRS, np.int64), np.empty((MAX_PAIRS, 2))
     count = 0
     for n in range(len(order)):

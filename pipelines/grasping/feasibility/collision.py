@@ -1,7 +1,7 @@
 """The bodies of a gripper against observed points: collision, enclosed height, clearance.
 
-Points are sorted into cubes (`PointCells`): a gripper meets few of them, and only the points of
-these are looked at one by one, until too many lie in its bodies.
+Points are sorted into cubes (`PointCells`). A gripper meets few cubes, and only their points are
+tested one by one, until too many are inside the bodies.
 """
 
 from dataclasses import dataclass
@@ -24,24 +24,24 @@ from pipelines.grasping.feasibility.gripper_bodies import (
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 
-CELL = 0.02  # metres, of the cubes that points are sorted into
+CELL = 0.02  # metres, edge of the cubes
 
 
 @dataclass(frozen=True)
 class Obstacles:
-    """Points (n, 3) that a gripper may meet, each standing for `count` (n,) measured ones."""
+    """Points (n, 3) that a gripper may meet; each represents `count` (n,) measured points."""
 
     points: Array
     count: Counts
 
     @cached_property
     def _about(self) -> tuple[Array, Array]:
-        """(3,) the points' middle, (n, 3) the points about it."""
+        """(3,) the points' mean, (n, 3) the points relative to the mean."""
         return _about_middle(self.points)
 
     @property
     def centre(self) -> Array:
-        """(3,) their middle: single precision is a micrometre at arm's length, less near it."""
+        """(3,) their mean; single precision is a micrometre at arm's length, and finer near it."""
         return self._about[0]
 
     @cached_property
@@ -54,10 +54,10 @@ class Obstacles:
 def bodies_meet(
     grasps: GraspPoses, gripper: Gripper, obstacles: Obstacles, config: FeasibilityConfig
 ) -> tuple[Mask, Array]:
-    """Return which of n grasps collide (n,), and what the others enclose.
+    """Return a mask (n,) of the colliding grasps, and the enclosed heights (n,) of all.
 
-    The latter (n,) are metres that points between the fingers reach in from the tips, 0 for none
-    and where grasps collide.
+    The enclosed height is how far points between the fingers reach in from the tips, metres; 0
+    without points and for colliding grasps.
     """
     frames, bounds = _bodies(grasps, gripper, obstacles)
     test = np.float32(config.body_margin), config.max_points_inside, obstacles.cells
@@ -73,10 +73,10 @@ def first_free(
     stability: Array,
     wanted: tuple[float, int],
 ) -> tuple[Indices, Array]:
-    """Return which of n grasps (f,) are free and hold something, and the metres (f,) they enclose.
+    """Return indices (f,) of free grasps that hold something, and enclosed heights (f,), metres.
 
-    The most stable come first, `stability` (n,). `wanted`: the share of the first free grasp's
-    stability that others need; the most grasps to return. The search ends where no more are wanted.
+    The most stable grasps, by `stability` (n,), come first. `wanted`: the share of the first free
+    grasp's stability that other grasps need, and the most grasps to return, which end the search.
     """
     frames, bounds = _bodies(grasps, gripper, obstacles)
     test = np.float32(config.body_margin), config.max_points_inside, obstacles.cells
@@ -86,14 +86,14 @@ def first_free(
 
 
 def clearance(grasps: GraspPoses, gripper: Gripper, obstacles: Obstacles, cap: float) -> Array:
-    """Return (n,) metres from the gripper's bodies to the nearest point, at most `cap`."""
+    """Return the distance (n,) of the gripper from the nearest point, at most `cap` metres."""
     frames, bounds = _bodies(grasps, gripper, obstacles)
     gaps = nearest_gaps(frames, bounds, np.float32(cap), obstacles.cells)
     return np.asarray(np.minimum(gaps.astype(np.float64), cap))
 
 
 def lowest_height(grasps: GraspPoses, gripper: Gripper, plane: Plane) -> Array:
-    """Return (n,) the height of the gripper's lowest corner over `plane`, negative below it."""
+    """Return the height (n,) of the gripper's lowest corner over `plane`, negative below."""
     back, tip, palm_back, front, half, palm_half, _, outer, side = gripper.bounds(grasps.width).T
     along, across, binormal = np.einsum("i,nij->jn", plane.normal, grasps.rotation)
     across, binormal = np.abs(across), np.abs(binormal)
@@ -103,7 +103,7 @@ def lowest_height(grasps: GraspPoses, gripper: Gripper, plane: Plane) -> Array:
 
 
 def _bodies(grasps: GraspPoses, gripper: Gripper, obstacles: Obstacles) -> tuple[Singles, Singles]:
-    """Return (n, 3, 4) matrices into each grasp's frame, about the obstacles, and (n, 9) bounds."""
+    """Return matrices (n, 3, 4) from `obstacles.centre` into grasp frames, and bounds (n, 9)."""
     rotation, translation = map(np.ascontiguousarray, (grasps.rotation, grasps.translation))
     frames = frames_about(rotation, translation, obstacles.centre)
     return frames, gripper.bounds(grasps.width).astype(np.float32)
@@ -111,7 +111,7 @@ def _bodies(grasps: GraspPoses, gripper: Gripper, obstacles: Obstacles) -> tuple
 
 @compiled
 def _about_middle(points: Array) -> tuple[Array, Array]:
-    """Return (3,) the mean of `points` (n, 3), zeros of none, and (n, 3) the points less it."""
+    """Return the mean (3,) of `points` (n, 3), zeros if empty, and the points minus the mean."""
     x, y, z, count = 0.0, 0.0, 0.0, max(len(points), 1)
     for n in range(len(points)):
         x, y, z = x + points[n, 0], y + points[n, 1], z + points[n, 2]

@@ -1,8 +1,8 @@
 """The feasibility of grasps at one region of the observed scene (Sec. III-F).
 
-A feasible grasp opens no wider than the gripper, keeps to the limits of the robot, stays above the
-table and within the image where that cuts the region off, comes from the camera's side, holds
-something, and is free of collision at its pose and along its approach path.
+A feasible grasp fits the gripper's opening and the limits of the robot, stays above the table and
+inside an image border that cuts the region off, comes from the camera's side, holds something, and
+is free of collision at its pose and along its approach path.
 """
 
 from dataclasses import dataclass, replace
@@ -33,7 +33,7 @@ ROUNDING = 1e-6  # metres
 class Feasibility:
     """The checks of grasps at one region, which must not meet the points `around`.
 
-    `border`: the sides at which the image cuts the region off; None where it does not.
+    `border`: the sides at which the image cuts the region off; None if there is no such side.
     """
 
     gripper: Gripper
@@ -55,8 +55,8 @@ class Feasibility:
         scene = scene if config.keeps_off_plane else replace(scene, plane=None)
         reach, floor = gripper.finger_length + gripper.palm_depth + clearance_cap, None
         if scene.plane is not None:
-            # The gripper stays `min_table_distance` above the table. Blown up by a margin, its
-            # corners reach down by that times the root of three at most.
+            # The gripper stays `min_table_distance` above the table. Enlarged by a margin, its
+            # corners are lower by at most the margin times the root of three.
             lowest = config.min_table_distance - np.sqrt(3.0) * config.body_margin - ROUNDING
             floor = Plane(scene.plane.normal, float(scene.plane.offset - lowest))
         around = Surroundings.of(region, scene, reach, config.scene_resolution, floor)
@@ -66,7 +66,7 @@ class Feasibility:
         return cls(gripper, scene, around, border, config)
 
     def with_unseen(self, points: Array) -> "Feasibility":
-        """Return the checks with further `points` (m, 3) to keep off, known by symmetry alone."""
+        """Return the checks with further obstacle `points` (m, 3), known by symmetry alone."""
         return replace(self, around=self.around.with_unseen(points))
 
     @property
@@ -75,10 +75,10 @@ class Feasibility:
         return self.config.min_width, float(self.gripper.max_width)
 
     def reachable(self, base: GraspPoses, angles: Array) -> tuple[GraspPoses, Indices]:
-        """Return `base` (k,) at those of `angles` (m,) that need no look at the points.
+        """Return `base` (k,) at those of `angles` (m,) that pass the checks without points.
 
         Returns:
-            The grasps (n,), each grasp of `base` in turn, and which of `base` (n,) each is.
+            The grasps (n,), in the order of `base`, and the index (n,) of each in `base`.
         """
         row, angle = np.nonzero(self._are_possible(base, angles))
         grasps = base.at_approach_angles(row, angles[angle])
@@ -88,19 +88,19 @@ class Feasibility:
     def first_free(
         self, grasps: GraspPoses, stability: Array, min_stability: float, count: int
     ) -> tuple[Indices, Array]:
-        """Return which `grasps` (f,) are free of collision at their pose, and hold something.
+        """Return the indices (f,) of `grasps` that are free of collision and hold something.
 
-        The most stable come first, `stability` (n,). At most `count` are returned, as stable as
-        `min_stability` times the first of them; with each the metres (f,) that it encloses.
+        The most stable, by `stability` (n,), come first. At most `count` are returned, with at
+        least `min_stability` times the stability of the first; also the enclosed heights (f,).
         """
         wanted = min_stability, count
         return first_free(grasps, self.gripper, self.around.all, self.config, stability, wanted)
 
     def has_free_path(self, grasps: GraspPoses) -> Mask:
-        """Return (n,) which `grasps` meet nothing from `approach_distance` back to their pose.
+        """Return a mask (n,) of `grasps` with a free path over the last `approach_distance`.
 
-        A gripper that comes along its approach axis takes the space of one with a longer palm.
-        Near the region all points count, farther off one pixel in a few (D. 77).
+        A gripper that moves along its approach axis sweeps the space of a gripper with a longer
+        palm. All points near the region count, and a subset of the pixels farther off (D. 77).
         """
         free = np.ones(len(grasps), np.bool_)
         if not self.config.approach_distance > 0.0:
@@ -113,7 +113,7 @@ class Feasibility:
         return free
 
     def allows(self, grasps: GraspPoses) -> Mask:
-        """Return (n,) which `grasps`, moved or widened from feasible ones, are feasible too."""
+        """Return a mask (n,) of the feasible `grasps`, moved or widened from feasible grasps."""
         left = np.flatnonzero(grasps.width <= self.gripper.max_width)
         left = left[self._well_placed(grasps[left])]
         met, _ = bodies_meet(grasps[left], self.gripper, self.around.all, self.config)
@@ -124,11 +124,11 @@ class Feasibility:
         return allowed
 
     def clearance(self, grasps: GraspPoses, cap: float) -> Array:
-        """Return (n,) metres to the nearest point that is not the region's, b of Eq. 8."""
+        """Return the distance (n,) to the nearest point off the region, metres, b of Eq. 8."""
         return clearance(grasps, self.gripper, self.around.others, cap)
 
     def _are_possible(self, base: GraspPoses, angles: Array) -> Mask:
-        """Return (k, m) which of `base` (k,) open enough and come from the camera's side."""
+        """Return a mask (k, m) of `base` (k,) that fit and come from the camera's side."""
         config, plane = self.config, self.scene.plane
         cosine, sine = np.cos(angles), np.sin(angles)
 
@@ -146,11 +146,11 @@ class Feasibility:
         return np.asarray(fits)
 
     def _well_placed(self, grasps: GraspPoses) -> Indices:
-        """Return which `grasps` (f,) keep to the limits, off the table and within the image."""
+        """Return indices (f,) of `grasps` within limits, above the table and inside the image."""
         kept, scene = np.arange(len(grasps)), self.scene
         if scene.limits is not None:
             kept = kept[scene.limits.allow(grasps[kept])]
-        if scene.plane is not None:  # all along their approach path
+        if scene.plane is not None:  # along the whole approach path
             swept = self.gripper.swept(self.config.approach_distance)
             lowest = lowest_height(grasps[kept], swept, scene.plane)
             kept = kept[lowest >= self.config.min_table_distance]
@@ -162,15 +162,15 @@ class Feasibility:
 def with_opening_margin(
     found: RankedGrasps, feasibility: Feasibility, clearance_cap: float
 ) -> RankedGrasps:
-    """Return feasible grasps, in their order, the symmetric ones with an opening margin (D. 92).
+    """Return feasible grasps in order, symmetric grasps with an opening margin (D. 92).
 
-    The second contact of a symmetric grasp is predicted: a mirror plane that lies millimetres too
-    near puts it inside the object, and the finger with it. A finger farther out closes on the
-    object all the same. The margin is less where the contacts are close: a gripper whose middle
-    leaves the object closes beside it.
+    The second contact of a symmetric grasp is predicted: with a mirror plane that is millimetres
+    too near, the contact and its finger are inside the object. A finger farther out still closes on
+    the object. The margin is smaller for close contacts, since a gripper with its middle off the
+    object closes next to the object.
 
-    Each is widened by the largest of `opening_margins` (metres) at which it is still feasible; its
-    middle moves by half of that. Clearances are measured anew, up to `clearance_cap` metres.
+    Each grasp is widened by the largest of `opening_margins` (metres) at which it is feasible; its
+    middle moves by half the margin. Clearances are computed again, up to `clearance_cap` metres.
     """
     grasps, waiting = found.grasps, np.flatnonzero(found.slot >= 0)
     translation, width = grasps.translation.copy(), grasps.width.copy()

@@ -1,10 +1,10 @@
 """Compiled loops behind `collision`: the bodies of a gripper against points, grasp by grasp.
 
-A gripper is two fingers and a palm, boxes in the grasp frame (approach, closing, binormal) and its
-own mirror image along closing and binormal: there a point's distance counts, not its side. All is
+A gripper is two fingers and a palm, boxes in the grasp frame (approach, closing, binormal). It is
+symmetric along closing and binormal, so a point's distance counts there, not its side. All is
 single precision, metres. `bounds` are those of `Gripper`, `cells` those of `Obstacles`: points
-(3, n), cube by cube; how many measured points each stands for (n,); where a cube's points start and
-end (c + 1,); the centres (3, c) and radii (c,) of balls about the points of a cube.
+(3, n), cube by cube; the number of measured points that each represents (n,); start and end of the
+points of each cube (c + 1,); centres (3, c) and radii (c,) of balls about the points of a cube.
 """
 
 import numpy as np
@@ -21,7 +21,7 @@ Cells = tuple[Singles, Counts, Counts, Singles, Singles]
 
 @compiled
 def frames_about(rotation: Array, translation: Array, centre: Array) -> Singles:
-    """Return (k, 3, 4) matrices into the frames of k grasps, from coordinates about `centre`."""
+    """Return matrices (k, 3, 4) into the frames of k grasps, from coordinates about `centre`."""
     frames = np.empty((len(rotation), 3, 4), np.float32)
     for k in range(len(rotation)):
         for axis in range(3):
@@ -37,18 +37,18 @@ def frames_about(rotation: Array, translation: Array, centre: Array) -> Singles:
 def points_met(
     frames: Singles, bounds: Singles, margin: Single, allowed: int, cells: Cells
 ) -> tuple[Mask, Singles]:
-    """Return which of k grasps hold too many points in the gripper's bodies, and the others' depth.
+    """Return which of k grasps have too many points in the bodies, and the enclosed heights.
 
     Args:
         frames: (k, 3, 4) into each grasp's frame.
         bounds: (k, 9) of the bodies.
-        margin: metres that the bodies are blown up by.
-        allowed: how many points they may hold.
+        margin: metres by which the bodies are enlarged.
+        allowed: number of points that the bodies may contain.
         cells: the points.
 
     Returns:
-        (k,) whether they hold more than `allowed`; (k,) metres that points between the fingers
-        reach in from the tips' line, 0 where they do.
+        (k,) whether the bodies contain more than `allowed` points; (k,) metres that points between
+        the fingers reach in from the tips' line, 0 for colliding grasps.
     """
     blocked, enclosed = np.empty(len(frames), np.bool_), np.zeros(len(frames), np.float32)
     near = np.empty(len(cells[4]), np.bool_)
@@ -70,11 +70,11 @@ def first_free_grasps(
     stability: Array,
     wanted: tuple[float, float, int],
 ) -> tuple[Counts, Singles]:
-    """Return which grasps (f,) are free and enclose enough, and how much (f,), metres.
+    """Return indices (f,) of free grasps that enclose enough, and enclosed heights (f,), metres.
 
-    The most stable come first, `stability` (k,). `wanted`: metres to enclose, the share of the
-    first free one's stability that others need, and how many at most. The other arguments are
-    those of `points_met`.
+    The most stable grasps, by `stability` (k,), come first. `wanted`: metres to enclose, the share
+    of the first free grasp's stability that other grasps need, and the most grasps to return. The
+    other arguments are those of `points_met`.
     """
     least, share, most = wanted
     found, enclosed = np.empty(len(frames), np.int64), np.empty(len(frames), np.float32)
@@ -94,7 +94,7 @@ def first_free_grasps(
 
 @compiled
 def nearest_gaps(frames: Singles, bounds: Singles, cap: Single, cells: Cells) -> Singles:
-    """Return (k,) metres from the bodies of k grasps to the nearest point, at most `cap`.
+    """Return the distance (k,) of the bodies of k grasps from the nearest point, at most `cap`.
 
     Arguments are those of `points_met`.
     """
@@ -109,7 +109,7 @@ def nearest_gaps(frames: Singles, bounds: Singles, cap: Single, cells: Cells) ->
         for c in range(len(radius)):
             first = c if least[c] < least[first] else first
         for turn in range(min(len(radius), 1) + len(radius)):
-            c = first if turn == 0 else turn - 1  # the nearest cube first: few others remain
+            c = first if turn == 0 else turn - 1  # with the nearest cube first, few others remain
             if least[c] >= gap:
                 continue
             squared = gap * gap
@@ -125,10 +125,9 @@ def nearest_gaps(frames: Singles, bounds: Singles, cap: Single, cells: Cells) ->
 def _is_blocked(
     frame: GraspFrame, bounds: Singles, margin: Single, allowed: int, cells: Cells, near: Mask
 ) -> bool:
-    """Return whether the bodies, blown up by `margin`, hold more than `allowed` points.
+    """Return whether the bodies, enlarged by `margin`, contain more than `allowed` points.
 
-    Where they do not, `near` (c,) becomes the cubes of which a point may lie in a body or between
-    the fingers.
+    If not, `near` (c,) is set to the cubes with possible points in a body or between the fingers.
     """
     points, count, start, centre, radius = cells
     bodies, inner, met = _bodies(bounds, margin), bounds[6] - margin, 0
@@ -138,7 +137,7 @@ def _is_blocked(
     for c in range(len(radius)):
         if not near[c]:
             continue
-        # Unsigned numbers never count from an array's end: several points go at a time.
+        # Unsigned indices never count from an array's end, so the loop is vectorised.
         for n in range(np.uint64(start[c]), np.uint64(start[c + 1])):
             place = _local(frame, points[0, n], points[1, n], points[2, n])
             met += count[n] * _bodies_at(bodies, inner, place)
@@ -149,7 +148,7 @@ def _is_blocked(
 
 @compiled
 def _enclosed(frame: GraspFrame, bounds: Singles, cells: Cells, near: Mask) -> Single:
-    """Return metres that points between the fingers reach in, of the cubes that are `near` (c,)."""
+    """Return the enclosed height of points between the fingers, metres, from cubes `near` (c,)."""
     points, _, start, centre, radius = cells
     back, tip, half, inner = bounds[0], bounds[1], bounds[4], bounds[6]
     deepest = Single(0.0)
@@ -168,7 +167,7 @@ def _enclosed(frame: GraspFrame, bounds: Singles, cells: Cells, near: Mask) -> S
 
 @compiled
 def _frame(m: Singles) -> GraspFrame:
-    """Return the rows of the matrix `m` (3, 4), as numbers, which stay in registers."""
+    """Return the rows of the matrix `m` (3, 4) as numbers, which stay in registers."""
     first = (m[0, 0], m[0, 1], m[0, 2], m[0, 3])
     second = (m[1, 0], m[1, 1], m[1, 2], m[1, 3])
     return first, second, (m[2, 0], m[2, 1], m[2, 2], m[2, 3])
@@ -176,14 +175,14 @@ def _frame(m: Singles) -> GraspFrame:
 
 @compiled
 def _bodies(b: Singles, m: Single) -> Bodies:
-    """Return fingers (back, tip, half, outer) and palm likewise of bounds `b`, blown up by `m`."""
+    """Return fingers and palm, each (back, tip, half, outer), of bounds `b`, enlarged by `m`."""
     fingers = (b[0] - m, b[1] + m, b[4] + m, b[7] + m)
     return fingers, (b[2] - m, b[3] + m, b[5] + m, b[8] + m)
 
 
 @compiled
 def _local(frame: GraspFrame, x: Single, y: Single, z: Single) -> SingleVector:
-    """Return a point's place along approach, and its distances along closing and binormal."""
+    """Return a point's position along approach, and distances along closing and binormal."""
     first, second, third = frame
     along = first[0] * x + first[1] * y + first[2] * z + first[3]
     across = second[0] * x + second[1] * y + second[2] * z + second[3]
@@ -192,7 +191,7 @@ def _local(frame: GraspFrame, x: Single, y: Single, z: Single) -> SingleVector:
 
 @compiled
 def _bodies_at(bodies: Bodies, inner: Single, place: SingleVector) -> int:
-    """Return in how many bodies a point lies; `inner`: of a finger along closing."""
+    """Return the number of bodies around a point; `inner`: inner face of a finger along closing."""
     along, across, height = place
     back, tip, half, outer = bodies[0]
     finger = (along > back) & (along < tip) & (height < half) & (across > inner) & (across < outer)
@@ -203,7 +202,7 @@ def _bodies_at(bodies: Bodies, inner: Single, place: SingleVector) -> int:
 
 @compiled
 def _gap(bodies: Bodies, inner: Single, place: SingleVector) -> Single:
-    """Return the squared distance to the nearest body; `inner` 0 counts what they close in on."""
+    """Return the squared distance to the nearest body; `inner` 0 fills the space between."""
     along, across, height = place
     back, tip, half, outer = bodies[0]
     a = max(back - along, along - tip, Single(0.0))

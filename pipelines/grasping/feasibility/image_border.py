@@ -1,7 +1,7 @@
-"""The border of the image: a region that it cuts off goes on beyond it, where no finger may go.
+"""The border of the image: a region that the border cuts off continues beyond, out of bounds.
 
 A region that reaches the border of the measured pixels has no end on that side. Its outline there
-is the image's and no surface, and its seen half is not half of the object: a second contact put
+is the image border, not a surface, and its seen half is not half of the object: a second contact
 there would be in the middle of the object.
 """
 
@@ -16,10 +16,10 @@ from pipelines.grasping.gripper import Gripper
 
 Sides = tuple[tuple[int, int], tuple[int, int]]  # first and last column, and row, inclusive
 
-AT_BORDER = 4  # pixels: a region that comes so near is cut
-FEW = 3  # pixels of a region there that may be noise
-FEWEST_MEASURED = 0.05  # of a full column or row; some cameras measure nothing at one side
-MOST_MEASURED = 0.8  # of the image's width, or height, a camera measures at least
+AT_BORDER = 4  # pixels from the border within which a region is cut
+FEW = 3  # pixels of a region at the border that may be noise
+FEWEST_MEASURED = 0.05  # of a full column or row; some cameras measure nothing on one side
+MOST_MEASURED = 0.8  # of the image's width or height: least extent that a camera measures
 BACK = 0.03  # metres behind the tips that must be in view too
 
 
@@ -28,9 +28,9 @@ class ImageBorder:
     """The sides at which a region is cut off.
 
     Attributes:
-        intrinsics: of the image.
-        low: (2,) first column and row in which a finger may be, -inf where the region ends.
-        high: (2,) last column and row, inf where it ends.
+        intrinsics: intrinsics of the image.
+        low: (2,) first column and row for a finger, -inf on sides where the region ends.
+        high: (2,) last column and row for a finger, inf on sides where the region ends.
     """
 
     intrinsics: Intrinsics
@@ -41,7 +41,7 @@ class ImageBorder:
     def of(
         cls, mask: Mask, depth: Array, measured: Sides, intrinsics: Intrinsics
     ) -> "ImageBorder | None":
-        """Return where the region `mask` (H, W) is cut; None if it ends within the image.
+        """Return the sides at which the region `mask` (H, W) is cut; None without such a side.
 
         `depth`: (H, W) metres, 0 where missing. `measured`: from `measured_sides`.
         """
@@ -57,9 +57,9 @@ class ImageBorder:
         return cls(intrinsics, low, high)
 
     def is_kept(self, grasps: GraspPoses, gripper: Gripper) -> Mask:
-        """Return (n,) which grasps have both fingers in view on the sides where the region is cut.
+        """Return a mask (n,) of grasps with both fingers in view on the sides of the cut.
 
-        The fingers' outer faces count, at the tips and some way back.
+        The fingers' outer faces must be in view, at the tips and slightly behind.
         """
         kept = np.ones(len(grasps), np.bool_)
         out = 0.5 * grasps.width + gripper.clearance + gripper.finger_thickness
@@ -74,9 +74,9 @@ class ImageBorder:
 
 
 def measured_sides(depth: Array) -> Sides:
-    """Return the first and the last column, and row, of `depth` (H, W) that hold some depth.
+    """Return the first and the last column, and row, of `depth` (H, W) with enough depth.
 
-    Those of the image where a much smaller part is measured: there an object was cut out of it.
+    If a much smaller part is measured, as for a cut-out object, the whole image is returned.
     """
     measured, sides = depth > 0.0, []
     for axis in range(2):

@@ -14,7 +14,7 @@ from pipelines.grasping.grasps import GraspPoses
 from pipelines.tabletop.levelling import table_from_camera
 
 ANY_DIRECTION = 180.0  # degrees
-FARTHEST = 50.0  # metres, of a workspace's corner; beyond it are millimetres
+FARTHEST = 50.0  # metres, largest coordinate of a corner; larger numbers are millimetres
 ROUNDING = 1e-9  # of a cosine
 
 
@@ -23,12 +23,12 @@ class Limits:
     """The limits of one frame's grasps.
 
     Attributes:
-        box: (2, 3) low and high corner in metres, in the frame that `T_box_cam` leads to.
+        box: (2, 3) low and high corner in metres, in the target frame of `T_box_cam`.
         T_box_cam: (4, 4).
         direction: (3,) unit, camera frame: the cone's axis.
-        cone: radians from it; pi allows every approach.
+        cone: radians from the axis; pi allows every approach.
         mask: (H, W) pixels within the workspace; None for all.
-        intrinsics: of the mask.
+        intrinsics: intrinsics of the mask.
     """
 
     box: Array
@@ -42,10 +42,10 @@ class Limits:
     def of(
         cls, config: LimitsConfig, mask: Mask | None, plane: Plane | None, intrinsics: Intrinsics
     ) -> "Limits | None":
-        """Return the limits of a frame with support `plane`; None where there are none.
+        """Return the limits of a frame with support `plane`; None without limits.
 
         Raises:
-            ValueRangeError: they are meant in the table's frame, and no table is seen.
+            ValueRangeError: limits in the table frame, but no table is seen.
         """
         has_cone = config.approach_cone < ANY_DIRECTION
         if not (config.box or has_cone or mask is not None):
@@ -64,7 +64,7 @@ class Limits:
         )
 
     def contain(self, points: Array) -> Mask:
-        """Return which of `points` (n, 3), camera frame, lie in the workspace."""
+        """Return a mask (n,) of `points` (n, 3), camera frame, inside the workspace."""
         placed = transform_points(self.T_box_cam, points)
         inside = ((placed >= self.box[0]) & (placed <= self.box[1])).all(axis=-1)
         if self.mask is None or not inside.any():
@@ -75,7 +75,7 @@ class Limits:
         return np.asarray(inside)
 
     def allow(self, grasps: GraspPoses) -> Mask:
-        """Return (n,) which grasps have their contacts' middle inside and come from the cone."""
+        """Return a mask (n,) of grasps with origin in the workspace and approach in the cone."""
         along = grasps.approach @ self.direction
         allowed = along >= np.cos(self.cone) - ROUNDING
         allowed[allowed] = self.contain(grasps.translation[allowed])
@@ -102,7 +102,7 @@ def check_limits(config: LimitsConfig) -> None:
 
 
 def _frame(name: str, plane: Plane | None) -> Array:
-    """Return (4, 4) camera coordinates to those of the frame `name`."""
+    """Return the transform (4, 4) from the camera frame to the frame `name`."""
     if name == "camera":
         return np.eye(4)
     if plane is None:

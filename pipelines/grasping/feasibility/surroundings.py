@@ -1,4 +1,4 @@
-"""The observed points around a region, which a gripper there must not meet."""
+"""Observed points around a region, which a gripper at the region must not meet."""
 
 from dataclasses import dataclass, replace
 
@@ -17,14 +17,14 @@ Floor = tuple[float, float, float, float]  # a plane as numbers
 
 @dataclass(frozen=True)
 class Surroundings:
-    """The observed points around a region, thinned.
+    """Thinned observed points around a region.
 
     Attributes:
-        all: measured points above the floor, one a cell, those of the region too.
-        others: all that do not belong to the region, beneath the floor as well.
-        centre: (3,) metres, of the ball that they lie in.
-        radius: metres, of the same.
-        floor: beneath which no gripper comes; None for none.
+        all: measured points above the floor, one per cell, including the region.
+        others: points outside of the region, including points beneath the floor.
+        centre: (3,) metres, centre of the ball that contains the points.
+        radius: metres, radius of this ball.
+        floor: plane that no gripper goes beneath; None without one.
     """
 
     all: Obstacles
@@ -51,9 +51,9 @@ class Surroundings:
         return cls(Obstacles(*found[:2]), Obstacles(*found[2:]), centre, radius, floor)
 
     def with_unseen(self, points: Array) -> "Surroundings":
-        """Return these and those of `points` (m, 3), known by symmetry alone, that lie in the ball.
+        """Return the surroundings with those of `points` (m, 3) that are in the ball.
 
-        Each counts as one measured point; `others` stay as they are.
+        `points` are known by symmetry alone; each counts as one measured point in `all`.
         """
         near = _within(points, self.centre, self.radius, _numbers(self.floor))
         if not len(near):
@@ -66,7 +66,7 @@ class Surroundings:
 def _window(
     centre: Array, radius: float, camera: Intrinsics, shape: tuple[int, ...]
 ) -> tuple[int, int, int, int]:
-    """Return the rows and columns, each first and behind the last, a ball can be seen in."""
+    """Return the rows and columns, as start and stop, in which a ball can be seen."""
     nearest = max(centre[2] - radius, 0.05)
     u, v = camera.project(centre)
     reach_u, reach_v = camera.fx * radius / nearest, camera.fy * radius / nearest
@@ -76,13 +76,13 @@ def _window(
 
 
 def _numbers(floor: Plane | None) -> Floor:
-    """Return a plane's normal and offset, for compiled loops; everything is above None."""
+    """Return a plane's normal and offset for compiled loops; all points are above None."""
     return (0.0, 0.0, 0.0, np.inf) if floor is None else (*floor.normal.tolist(), floor.offset)
 
 
 @compiled
 def _within(points: Array, centre: Array, radius: float, floor: Floor) -> Counts:
-    """Return which of `points` (n, 3) lie in a ball and above the floor."""
+    """Return indices of `points` (n, 3) in a ball and above the floor."""
     found, count = np.empty(len(points), np.int64), 0
     for n in range(len(points)):
         x, y, z = points[n, 0], points[n, 1], points[n, 2]
@@ -108,19 +108,19 @@ def _cells_about(
     cell: float,
     floor: Floor,
 ) -> tuple[Array, Counts, Array, Counts]:
-    """Return the first point (n, 3) of each cell of a ball, and how many (n,) lie in it.
+    """Return the first point (n, 3) of each cell of a ball, and the number (n,) of its points.
 
-    Those above the floor, and those that are not the region's `own` (h, w). Cells are cubes of
-    edge `cell`, each twice: for others and for the region. They ascend by x, y and z.
+    First for the points above the floor, then for points outside of the region's `own` (h, w).
+    Cells are cubes of edge `cell`, separate for the region and the others, in order of x, y and z.
     `image_plane`: x (w,) of columns and y (h,) of rows at depth 1.
     """
     top, bottom, left, right = window
     pixels, side = max(0, bottom - top) * max(0, right - left), int(2 * radius / cell) + 2
-    # Cells at one x and y make a list, from the nearest to the farthest: most are short.
+    # Cells at one x and y form a list, nearest first; most lists are short.
     nearest, behind = np.full(side * side, -1, np.int32), np.empty(pixels, np.int32)
     level, count = np.empty(pixels, np.int32), np.empty(pixels, np.int32)
     points, found, per_metre = np.empty((pixels, 3)), 0, 1.0 / cell
-    last_xy, last = -1, 0  # most pixels show the cell that the one beside them shows
+    last_xy, last = -1, 0  # most pixels show the same cell as their neighbour
     for i in range(top, bottom):
         for j in range(left, right):
             z = depth[i, j]
@@ -158,7 +158,7 @@ def _in_order(
     count: NDArray[np.int32],
     floor: Floor,
 ) -> tuple[Array, Counts, Array, Counts]:
-    """Return the result of `_cells_about`: the lists that start at `nearest` (m,), one by one."""
+    """Return the result of `_cells_about` from the lists that start at `nearest` (m,)."""
     above, above_count = np.empty_like(points), np.empty(len(points), np.int64)
     others, other_count = np.empty_like(points), np.empty(len(points), np.int64)
     n, k = 0, 0

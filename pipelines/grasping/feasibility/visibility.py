@@ -14,9 +14,9 @@ PLACES = np.array([0.1, 0.5, 0.9])  # along each edge of a finger tip
 
 
 def visible_fraction(grasps: GraspPoses, gripper: Gripper, scene: SceneCloud) -> Array:
-    """Return (n,) the share of the open finger tips' space that the camera looks through.
+    """Return the share (n,) of the space of the open finger tips that the camera sees to be free.
 
-    Space behind a surface, beside the image or where nothing was measured is not seen.
+    Space behind a surface, outside of the image or without a measurement is unseen.
     """
     fingers = gripper.boxes(grasps.width)[:, :2]  # (n, 2, 2, 3)
     low, high = fingers[:, :, 0].copy(), fingers[:, :, 1]
@@ -32,7 +32,7 @@ def visible_fraction(grasps: GraspPoses, gripper: Gripper, scene: SceneCloud) ->
 def _looked_through(
     local: Array, rotation: Array, translation: Array, depth: Array, lens: Lens
 ) -> Array:
-    """Return (n,) the share of `local` (n, p, 3), in n grasp frames, before a measured surface."""
+    """Return the share (n,) of `local` (n, p, 3), in n grasp frames, before a measured surface."""
     fx, fy, cx, cy = lens
     height, width = depth.shape
     share = np.zeros(len(local))

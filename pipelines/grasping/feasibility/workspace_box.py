@@ -10,14 +10,14 @@ from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import transform_points
 from pipelines.tabletop.levelling import table_from_camera
 
-BULK = (1.0, 99.0)  # percent of a region's points that a box is laid around: others are strays
-BELOW_TABLE = 0.01  # metres below the table that a box reaches; the table is not known exactly
-STEP = 0.01  # metres that corners are rounded to, outward
+BULK = (1.0, 99.0)  # percentiles of a region's points that a box encloses: others are strays
+BELOW_TABLE = 0.01  # metres of a box below the table, whose height is not exact
+STEP = 0.01  # metres to which corners are rounded, outward
 
 
 @dataclass(frozen=True)
 class WorkspaceBox:
-    """A box that `--workspace` takes.
+    """A box for the option `--workspace`.
 
     Attributes:
         corners: (2, 3) low and high corner, metres, in the box's frame.
@@ -31,19 +31,19 @@ class WorkspaceBox:
 
     @property
     def options(self) -> str:
-        """The options of `infer` that set it."""
+        """The options of `infer` that set the box."""
         numbers = ",".join(f"{value:.2f}" for value in self.corners.ravel())
         return f"--workspace={numbers} --workspace-frame {self.frame}"
 
     def contains(self, points: Array) -> Mask:
-        """Return which of `points` (..., 3), camera frame, lie in it; nan lies nowhere."""
+        """Return a mask of `points` (..., 3), camera frame, inside the box; False for nan."""
         placed = transform_points(self.T_box_cam, points.reshape(-1, 3))
         inside = ((placed >= self.corners[0]) & (placed <= self.corners[1])).all(axis=-1)
         return np.asarray(inside.reshape(points.shape[:-1]))
 
 
 def suggested_box(clouds: Sequence[Array], plane: Plane | None, margin: float) -> WorkspaceBox:
-    """Return a box around regions, in the frame of the table `plane` where one is seen.
+    """Return a box around regions, in the table frame of `plane` if a table is seen.
 
     `clouds`: points (n, 3) of at least one region, camera frame, metres. `margin`: metres around
     the regions, not below the table.

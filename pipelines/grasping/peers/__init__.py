@@ -1,1 +1,1 @@
-"""Grasps as the methods represent them that the paper compares with."""
+"""Grasp representations of the methods that the paper compares with."""

@@ -1,4 +1,4 @@
-"""The part of a scene that GraspNet's baseline sees: a box about what stands on the table."""
+"""The input cloud of GraspNet's baseline: a box around the objects on the table."""
 
 import numpy as np
 
@@ -8,14 +8,14 @@ from pipelines.grasping.peers.darboux import MAX_HEIGHT, MIN_HEIGHT
 from pipelines.grasping.scene import MAX_RANGE, SceneCloud
 from pipelines.tabletop.levelling import table_from_camera
 
-MARGIN = 0.02  # metres about what stands on the table
+MARGIN = 0.02  # metres around the objects on the table
 OUTLIERS = 0.5  # percent of the points, on each side, that do not widen the box
 
 
 def boxed_points(scene: SceneCloud) -> Mask:
-    """Return the pixels (H, W) of a box, upright on the table, about what stands on it.
+    """Return the pixels (H, W) in an upright box around the objects on the table.
 
-    Without a table all near pixels.
+    Without a table, all near pixels are returned.
     """
     near = (scene.depth > 0) & (scene.depth < MAX_RANGE) & ~scene.stray
     if scene.plane is None or not near.any():

@@ -1,7 +1,6 @@
-"""Grasp candidates of PointNetGPD: a hand at each of some points, in the surface's Darboux frame.
+"""Grasp candidates of PointNetGPD: a hand at each sampled point, in the surface's Darboux frame.
 
-The candidates are those of the adaptation that GraspNet-1Billion's benchmark compares with. Camera
-frame, metres.
+The candidates follow the adaptation in GraspNet-1Billion's benchmark. Camera frame, metres.
 """
 
 import numpy as np
@@ -12,14 +11,14 @@ from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import cross
 from pipelines.grasping.peers.hands import Hands, free_hands
 
-MIN_HEIGHT, MAX_HEIGHT = 0.006, 0.5  # metres over the table: lower is the table, higher no object
+MIN_HEIGHT, MAX_HEIGHT = 0.006, 0.5  # metres over the table: lower is table, higher no object
 NORMAL_NEIGHBOURS, FRAME_NEIGHBOURS = 10, 40
-RADIUS = 0.01  # metres, of the neighbours of a normal and of a frame
+RADIUS = 0.01  # metres, radius of the neighbours for a normal and for a frame
 DEPTH = 0.02  # metres from a candidate's point to its finger tips
 
 
 def over_table(points: Array, table: Plane | None) -> Array:
-    """Return those of `points` (n, 3) that are objects' by their height; all without a table."""
+    """Return the `points` (n, 3) at heights of objects; all points without a table."""
     if table is None:
         return points
     height = table.height(points)
@@ -30,7 +29,7 @@ def outward_normals(points: Array) -> Array:
     """Return unit normals (n, 3) of a thinned cloud, toward the camera."""
     index, there = _near(points, points, NORMAL_NEIGHBOURS)
     about = np.where(there[..., None], points[index], 0.0)
-    mean = about.sum(axis=1) / there.sum(axis=1)[:, None]  # each is its own neighbour
+    mean = about.sum(axis=1) / there.sum(axis=1)[:, None]  # each point is its own neighbour
     centred = np.where(there[..., None], about - mean[:, None], 0.0)
     normals = np.linalg.eigh(np.einsum("nki,nkj->nij", centred, centred))[1][..., 0]
     away = np.einsum("ni,ni->n", normals, points) > 0
@@ -38,15 +37,15 @@ def outward_normals(points: Array) -> Array:
 
 
 def darboux_frames(at: Array, points: Array, normals: Array) -> Array:
-    """Return (m, 3, 3) the frames of the surface at the points `at` (m, 3).
+    """Return the frames (m, 3, 3) of the surface at the points `at` (m, 3).
 
-    The approach goes against the normal; the binormal lies along the direction in which the normal
+    The approach is opposite to the normal; the binormal is the direction in which the normal
     changes least, as along the axis of a cylinder.
 
     Args:
-        at: on the surface.
-        points: (n, 3) of the surface.
-        normals: (n, 3) of `points`, outward.
+        at: points on the surface.
+        points: (n, 3) points of the surface.
+        normals: (n, 3) outward normals of `points`.
     """
     index, there = _near(at, points, FRAME_NEIGHBOURS)
     near = np.where(there[..., None], normals[index], 0.0)
@@ -58,7 +57,7 @@ def darboux_frames(at: Array, points: Array, normals: Array) -> Array:
 
 
 def candidate_hands(objects: Array, scene: Array, count: int, rng: np.random.Generator) -> Hands:
-    """Return hands at up to `count` random points of `objects` that no point of `scene` hinders.
+    """Return hands at up to `count` random points of `objects` without collision with `scene`.
 
     `objects` and `scene`: (n, 3) and (m, 3), thinned.
     """
@@ -71,7 +70,7 @@ def candidate_hands(objects: Array, scene: Array, count: int, rng: np.random.Gen
 
 
 def _near(at: Array, points: Array, count: int) -> tuple[Indices, Mask]:
-    """Return up to `count` of `points` near each of `at` (m, 3): indices (m, k), and which are."""
+    """Return indices (m, k) of up to `count` `points` near each of `at` (m, 3), and a mask."""
     ranks = range(1, min(count, len(points)) + 1)
     away, index = cKDTree(points).query(at, ranks, distance_upper_bound=RADIUS)
     there = np.isfinite(away)

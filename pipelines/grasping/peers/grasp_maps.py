@@ -1,7 +1,7 @@
 """Grasps as maps over an image, GG-CNN's representation: painted from rectangles, and read.
 
-At every pixel: the quality of a grasp centred there, cosine and sine of twice the angle of its
-opening line, and its opening.
+The maps contain the quality of a grasp centred at each pixel, cosine and sine of twice the angle of
+its opening line, and its opening.
 """
 
 from dataclasses import dataclass
@@ -12,16 +12,16 @@ import numpy as np
 from pipelines.array_types import Array, Indices, Mask, Singles
 from pipelines.grasping.peers.rectangles import angles, corners, opening_pixels, rectangle_rows
 
-MAP_SIDE = 300  # pixels of the shorter side of the image that the maps lie over
-WIDEST = 150.0  # pixels that the map `width` is in units of
-MIDDLE = 1.0 / 3.0  # of a rectangle along its opening that is painted
+MAP_SIDE = 300  # pixels, shorter side of the image of the maps
+WIDEST = 150.0  # pixels, unit of the map `width`
+MIDDLE = 1.0 / 3.0  # painted part of a rectangle along its opening
 MIN_QUALITY = (
-    0.1  # of a grasp that is read; 0.2 in the original, whose labels cover more of an image
+    0.1  # least quality of a read grasp; 0.2 in the original, where labels cover more of an image
 )
-PEAK_DISTANCE = 20  # pixels, along the rows or the columns, between grasps that are read
+PEAK_DISTANCE = 20  # pixels, along rows or columns, between grasps that are read
 MOST_PEAKS = 50
 QUALITY_BLUR, ANGLE_BLUR, WIDTH_BLUR = 2.0, 2.0, 1.0  # pixels, standard deviations
-# Where qualities are equal, as in a painted rectangle, the better surroundings decide.
+# For equal qualities, as in a painted rectangle, the better surroundings decide.
 TIE_BLUR, TIE_WEIGHT = 6.0, 0.01  # pixels; share of the quality
 
 
@@ -36,7 +36,7 @@ class GraspMaps:
 
     @classmethod
     def painted(cls, rows: Array, shape: tuple[int, int]) -> "GraspMaps":
-        """Return the maps of rectangles `rows` (n, 7), pixels of the maps, better ones on top."""
+        """Return the maps of rectangles `rows` (n, 7), pixels of the maps, the best on top."""
         order = np.argsort(rows[:, 5], kind="stable")
         rows = rows[order]
         index = np.zeros(shape, np.int32)
@@ -49,10 +49,10 @@ class GraspMaps:
         return cls((index > 0).astype(np.float32), cos, sin, opened)
 
     def rectangles(self) -> Array:
-        """Return the grasps read off the maps as rows (n, 7), pixels of the maps, best first.
+        """Return the grasps of the maps as rows (n, 7), pixels of the maps, best first.
 
-        A network trained on squared errors mixes the labels of a pixel with those of no grasp
-        there (cosine 1, sine 0, width 0), by a share that is its quality: the mixture is undone.
+        A network trained on squared errors mixes the labels of a pixel with the values of no grasp
+        (cosine 1, sine 0, width 0); the share of the labels is the quality. The mixture is undone.
         """
         quality = _blurred(self.quality, QUALITY_BLUR)
         cos, sin = _blurred(self.cos, ANGLE_BLUR), _blurred(self.sin, ANGLE_BLUR)
@@ -65,13 +65,13 @@ class GraspMaps:
         return rectangle_rows(centre, 0.5 * np.arctan2(s, c), opening, 0.5 * opening, q)
 
     def width_of_grasps(self) -> Singles:
-        """Return (h, w) the width that a grasp has where there is one."""
+        """Return the width (h, w) of a grasp at each pixel, assuming that there is a grasp."""
         share = np.maximum(_blurred(self.quality, WIDTH_BLUR), MIN_QUALITY)
         return np.asarray(_blurred(self.width, WIDTH_BLUR) / share, np.float32)
 
 
 def peaks(quality: Singles) -> tuple[Indices, Indices]:
-    """Return rows and columns of the maxima of `quality` (h, w), the highest first."""
+    """Return rows and columns of the maxima of `quality` (h, w), highest first."""
     window = np.ones((2 * PEAK_DISTANCE + 1,) * 2, np.uint8)
     height = quality + TIE_WEIGHT * _blurred(quality, TIE_BLUR)
     highest: Mask = height >= cv2.dilate(height, window)

@@ -1,6 +1,6 @@
-"""Hands of compared methods: what hinders them, and the points that they close on.
+"""Hands of compared methods: their collisions, and the points between their fingers.
 
-A hand is a frame as `GraspPoses` has it, at a point of the surface; its finger tips reach `depth`
+A hand is a frame with the axes of `GraspPoses` at a surface point; its finger tips reach `depth`
 past the point along the approach. GraspNet's baseline has such hands too. Camera frame, metres.
 """
 
@@ -15,13 +15,13 @@ from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.peers.rectangles import contact_width
 
-HAND_VOXEL = 0.005  # metres, of thinned clouds
-OPENING = 0.08  # metres, of PointNetGPD's hands
-HEIGHT = 0.02  # metres, of every hand
-BEHIND = 0.02  # metres behind the point that the closing region begins
-FINGER_LENGTH, THICKNESS, WAY_IN = 0.06, 0.01, 0.03  # metres, of a hand in the collision test
-MAX_FILLED = 0.01  # share of the cells of a hand's bodies that may hold points
-MIN_CLOSED_ON = 20  # between the fingers; fewer show nothing
+HAND_VOXEL = 0.005  # metres, cell of thinned clouds
+OPENING = 0.08  # metres, opening of PointNetGPD's hands
+HEIGHT = 0.02  # metres, height of every hand
+BEHIND = 0.02  # metres behind the point, where the closing region begins
+FINGER_LENGTH, THICKNESS, WAY_IN = 0.06, 0.01, 0.03  # metres, a hand in the collision test
+MAX_FILLED = 0.01  # share of a hand's bodies' cells that may contain points
+MIN_CLOSED_ON = 20  # points between the fingers; fewer are not enough
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Hands:
         return len(self.depth)
 
     def closing_region(self, hand: int, points: Array) -> Array:
-        """Return (k, 3) those of `points` (n, 3) that a hand closes on, in the hand's frame."""
+        """Return the `points` (k, 3) that a hand closes on, in the hand's frame."""
         local = (points - self.origin[hand]) @ self.rotation[hand]
         inside = (local[:, 0] > -BEHIND) & (local[:, 0] < self.depth[hand])
         inside &= (np.abs(local[:, 1]) < self.opening[hand] / 2) & (np.abs(local[:, 2]) < HEIGHT)
@@ -66,20 +66,20 @@ class Hands:
 
 
 def hand_grasps(hands: Hands, gripper: Gripper) -> GraspPoses:
-    """Return the grasps of `gripper` at `hands`, opened as wide as these where it can."""
+    """Return the grasps of `gripper` at `hands`, with equal opening if the gripper can."""
     contacts = hands.origin + (hands.depth - gripper.tip_reach)[:, None] * hands.rotation[:, :, 0]
     return GraspPoses(hands.rotation, contacts, contact_width(hands.opening, gripper))
 
 
 def thinned(points: Array, size: float = HAND_VOXEL) -> Array:
-    """Return one of `points` (n, 3) in each cell of the clouds that hands are checked with."""
+    """Return one of `points` (n, 3) in each cell of edge `size`, for checks of hands."""
     return points[voxel_downsample(points, size)] if len(points) else points
 
 
 def free_hands(
     hands: Hands, objects: Array, scene: Array, *, size: float = HAND_VOXEL, way_in: float = WAY_IN
 ) -> Mask:
-    """Return (n,) which hands do not meet the cloud `scene`, and close on some of `objects`.
+    """Return a mask (n,) of hands that do not meet `scene` and close on some of `objects`.
 
     Both clouds are thinned to cells of edge `size` metres; `way_in`: metres behind the palm that
     must be free too.
@@ -97,7 +97,7 @@ def free_hands(
 
 
 def drawn_points(points: Array, count: int, rng: np.random.Generator) -> Singles:
-    """Return `count` of `points` (n, 3) at random; all of them and some twice where n is less."""
+    """Return `count` random `points` (n, 3); for smaller n, all points with repetitions."""
     chosen = rng.permutation(len(points))[:count]
     if len(points) < count:
         chosen = np.concatenate([chosen, rng.integers(len(points), size=count - len(points))])
@@ -113,7 +113,7 @@ def _occupancy(
     points: Array,
     body: tuple[float, float, float, float],
 ) -> tuple[Indices, Indices]:
-    """Return how many of `points` lie in the bodies of each hand, and between its fingers.
+    """Return the number of `points` in the bodies of each hand, and between its fingers.
 
     `half`: (n,) half openings. `body`: half height, length and thickness of the fingers, way in.
     """

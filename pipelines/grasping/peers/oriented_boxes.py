@@ -1,9 +1,9 @@
-"""Grasp rectangles as boxes with a class of orientation, Multi-Grasp's representation.
+"""Grasp rectangles as boxes with an orientation class, Multi-Grasp's representation.
 
-The box is the rectangle turned back to horizontal about its centre: as wide as the gripper opens.
-Class c, from 1, stands for an opening line at -90 + 10 (c - 1) degrees, counter-clockwise on the
-screen. The published network has a class 19 for +90 degrees, which is class 1 once more: no label
-has it, and it is read as class 1.
+The box is the rectangle turned to horizontal about its centre; its width is the gripper's opening.
+Class c, from 1, is an opening line at -90 + 10 (c - 1) degrees, counter-clockwise on the screen.
+The published network has a class 19 for +90 degrees, which equals class 1: no label has class 19,
+and predictions of class 19 are read as class 1.
 """
 
 import numpy as np
@@ -12,19 +12,19 @@ from numpy.typing import NDArray
 from pipelines.array_types import Array, Indices
 from pipelines.grasping.peers.rectangles import angles, opening_pixels, rectangle_rows
 
-NUM_CLASSES = 20  # of the published network: no grasp, and 19 orientations
-NUM_ORIENTATIONS = 18  # that differ
+NUM_CLASSES = 20  # in the published network: no grasp, and 19 orientations
+NUM_ORIENTATIONS = 18  # distinct orientations
 CLASS_DEGREES = 10.0
 
 
 def orientation_classes(rows: Array) -> NDArray[np.int64]:
-    """Return (n,) the classes, 1 to 18, of rectangles `rows` (n, 7)."""
+    """Return the classes (n,), 1 to 18, of rectangles `rows` (n, 7)."""
     steps = np.rint((np.degrees(angles(rows)) + 90.0) / CLASS_DEGREES).astype(np.int64)
     return np.asarray(steps % NUM_ORIENTATIONS + 1)
 
 
 def horizontal_boxes(rows: Array) -> Array:
-    """Return (n, 4) x0, y0, x1, y1 of rectangles `rows` (n, 7), turned back to horizontal."""
+    """Return boxes (n, 4) x0, y0, x1, y1 of rectangles `rows` (n, 7), turned to horizontal."""
     half = 0.5 * np.stack([opening_pixels(rows), rows[:, 4]], axis=1)
     return np.concatenate([rows[:, :2] - half, rows[:, :2] + half], axis=1)
 
@@ -38,10 +38,9 @@ def rows_of_boxes(boxes: Array, classes: NDArray[np.integer], score: Array) -> A
 
 
 def spread_rows(rows: Array, most: int) -> Indices:
-    """Return which of `rows` (n, 7) to keep: of each object `most`, far from each other.
+    """Return indices of `rows` (n, 7) to keep: up to `most` per object, far from each other.
 
-    Distances are in pixels between centres; turns count as much as a rectangle's height for 30
-    degrees.
+    Distances are in pixels between centres; a turn by 30 degrees counts as a rectangle's height.
     """
     kept: list[Indices] = []
     double = 2.0 * angles(rows)
@@ -54,7 +53,7 @@ def spread_rows(rows: Array, most: int) -> Indices:
 
 
 def _farthest_first(places: Array, most: int) -> Indices:
-    """Return indices of up to `most` of `places` (n, d), each the farthest from those before."""
+    """Return indices of up to `most` `places` (n, d), each the farthest from the earlier ones."""
     chosen = [0]
     nearest = np.linalg.norm(places - places[0], axis=1)
     while len(chosen) < min(most, len(places)):

@@ -1,8 +1,8 @@
-"""Grasp rectangles in the image, as GraspNet-1Billion's planar labels have them, and their poses.
+"""Grasp rectangles in the image, as in GraspNet-1Billion's planar labels, and their poses.
 
 A row (7,) holds the rectangle's centre, the middle of one of its short sides, its height in pixels,
-a score, and the object's id: columns of `rect/NNNN.npy`. The gripper opens along the line from the
-centre to the side, by twice its length. Grasps come along the camera's axis.
+a score, and the object's id: the columns of `rect/NNNN.npy`. The gripper opens along the line from
+the centre to the side, by twice its length. Grasps come along the camera's axis.
 """
 
 from typing import Any
@@ -17,9 +17,9 @@ from pipelines.geometry.transforms import cross, unit
 from pipelines.grasping.grasps import GRASPNET_DEPTH, GraspPoses
 from pipelines.grasping.gripper import Gripper
 
-MIN_WIDTH = 0.001  # metres between contacts; nothing is thinner
-MAX_TURN, LEAST_SHARED = np.radians(30.0), 0.25  # of a rectangle that is right
-MIN_LINE = 1e-6  # metres; a shorter one has no direction
+MIN_WIDTH = 0.001  # metres, least distance of contacts
+MAX_TURN, LEAST_SHARED = np.radians(30.0), 0.25  # limits of a correct rectangle
+MIN_LINE = 1e-6  # metres; a shorter line has no direction
 
 
 def rectangle_rows(
@@ -40,19 +40,19 @@ def rectangle_rows(
 
 
 def angles(rows: Array) -> Array:
-    """Return (n,) radians of the opening line, counter-clockwise, from -pi/2 to below pi/2."""
+    """Return the angle (n,) of the opening line, counter-clockwise, radians in [-pi/2, pi/2)."""
     line = rows[:, 2:4] - rows[:, :2]
     angle = np.arctan2(-line[:, 1], line[:, 0])
     return np.asarray(np.mod(angle + 0.5 * np.pi, np.pi) - 0.5 * np.pi)
 
 
 def opening_pixels(rows: Array) -> Array:
-    """Return (n,) pixels between the open fingers."""
+    """Return the opening (n,) of the fingers in pixels."""
     return np.asarray(2.0 * np.linalg.norm(rows[:, 2:4] - rows[:, :2], axis=1))
 
 
 def corners(rows: Array, share: float = 1.0) -> Array:
-    """Return (n, 4, 2) the corners; of the middle `share` along the opening alone."""
+    """Return the corners (n, 4, 2) of the middle `share` along the opening."""
     half = share * (rows[:, 2:4] - rows[:, :2])
     length = np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-9)
     across = np.stack([-half[:, 1], half[:, 0]], axis=1) / length * (0.5 * rows[:, 4:5])
@@ -62,7 +62,7 @@ def corners(rows: Array, share: float = 1.0) -> Array:
 
 
 def on_their_object(rows: Array, label: NDArray[np.integer]) -> Mask:
-    """Return (n,) of which rows the object is seen at the centre; no label says whether it is.
+    """Return a mask (n,) of the rows with a visible object at the centre; labels do not state it.
 
     Args:
         rows: (n, 7).
@@ -77,10 +77,10 @@ def on_their_object(rows: Array, label: NDArray[np.integer]) -> Mask:
 
 
 def rectangle_hits(found: Array, true: Array) -> Mask:
-    """Return (n,) which rectangles `found` (n, 7) are right, by the rectangle metric.
+    """Return a mask (n,) of the correct rectangles in `found` (n, 7), by the rectangle metric.
 
-    One is right that overlaps one of `true` (m, 7) by more than a quarter of their union and is
-    turned from it by less than 30 degrees.
+    A correct rectangle overlaps one of `true` (m, 7) by more than a quarter of their union and
+    differs from it in angle by less than 30 degrees.
     """
     turn = np.abs(angles(found)[:, None] - angles(true))
     turn = np.minimum(turn, np.pi - turn)
@@ -92,7 +92,7 @@ def rectangle_hits(found: Array, true: Array) -> Mask:
 
 
 def _turned_box(row: Array) -> tuple[tuple[float, ...], tuple[float, ...], float]:
-    """Return a rectangle as OpenCV has it: centre, size, angle clockwise in degrees."""
+    """Return a rectangle in OpenCV's form: centre, size, angle clockwise in degrees."""
     (angle,), (opening,) = angles(row[None]), opening_pixels(row[None])
     return (
         (float(row[0]), float(row[1])),
@@ -102,7 +102,7 @@ def _turned_box(row: Array) -> tuple[tuple[float, ...], tuple[float, ...], float
 
 
 def _overlap(one: Any, other: Any) -> float:  # noqa: ANN401 - OpenCV's rectangle
-    """Return the area that two rectangles share, as a share of their union."""
+    """Return the intersection of two rectangles over their union."""
     kind, shared = cv2.rotatedRectangleIntersection(one, other)
     if kind == cv2.INTERSECT_NONE:
         return 0.0
@@ -116,14 +116,14 @@ def rectangle_grasps(
 ) -> tuple[GraspPoses, Indices]:
     """Return the grasps of `rows` (n, 7), and the row of each; some rows have none.
 
-    The rectangle is taken to lie at the depth of its centre, along the camera's axis; the finger
-    tips come to lie 2 cm below it. So GraspNet-1Billion's benchmark does.
+    As in GraspNet-1Billion's benchmark, the rectangle is at the depth of its centre along the
+    camera's axis, and the finger tips are 2 cm below.
 
     Args:
         rows: pixels of `depth`.
-        depth: (H, W) metres, 0 where missing: a rectangle with such a centre has no grasp.
-        intrinsics: of `depth`.
-        gripper: that grasps.
+        depth: (H, W) metres, 0 where missing; a centre without depth gives no grasp.
+        intrinsics: intrinsics of `depth`.
+        gripper: the gripper of the grasps.
     """
     pixels = np.rint(rows[:, :2]).astype(np.int64)
     index = np.flatnonzero(
@@ -146,9 +146,9 @@ def rectangle_grasps(
 
 
 def contact_width(opening: Array, gripper: Gripper) -> Array:
-    """Return (n,) the distance of the contacts of grasps that open by `opening` (n,) metres.
+    """Return the contact distance (n,) of grasps with an `opening` of (n,) metres.
 
-    Openings beyond the gripper's are its widest; its fingers keep their clearance.
+    Openings are limited to the gripper's; the fingers keep their clearance.
     """
     widest = np.minimum(opening, gripper.max_opening)
     return np.maximum(widest - 2.0 * gripper.clearance, MIN_WIDTH)

@@ -1,4 +1,4 @@
-"""Symmetries of a region from what its points say: SymmetryNet's aggregation, Sec. IV-E."""
+"""Symmetries of a region from its points' predictions: SymmetryNet's aggregation, Sec. IV-E."""
 
 from dataclasses import dataclass
 
@@ -18,23 +18,23 @@ from pipelines.geometry.symmetry import (
 from pipelines.geometry.transforms import unit
 from pipelines.grasping.scene import SceneCloud
 
-NEAR, NEEDED = 0.2, 0.5  # of a coordinate of unit vectors; share of the points near a core of them
+NEAR, NEEDED = 0.2, 0.5  # of a unit vector's coordinate; share of the points near a core
 TRIALS = 256  # lines through two feet each
 INLIER = 0.015  # metres from a foot to the axis, from a vote to the centre
-IN_FRONT = 0.01  # metres before the seen surface, where an image would be seen
-SHORTEST = 1e-6  # metres, of an offset that has a direction
+IN_FRONT = 0.01  # metres in front of the seen surface, where an image would be visible
+SHORTEST = 1e-6  # metres, least length of an offset with a direction
 PLANE, AXIS, BOTH, SPHERE = range(4)  # modes
 
 
 @dataclass(frozen=True)
 class SymmetryOffsets:
-    """What n points of a region say; offsets are from the point, metres, camera frame.
+    """Predictions of n points of a region; offsets are from the point, metres, camera frame.
 
     Attributes:
         points: (n, 3).
-        center: (n, 3) to the centre.
-        mirrored: (n, 3, 3) to the point's images across three planes.
-        axis_foot: (n, 3) to the point's foot on the axis.
+        center: (n, 3) offsets to the centre.
+        mirrored: (n, 3, 3) offsets to the point's images across three planes.
+        axis_foot: (n, 3) offsets to the point's foot on the axis.
         existence: (n, 3) probabilities of the planes.
         mode: (4,) probabilities of planes alone, of an axis alone, of both, and of a sphere.
     """
@@ -47,31 +47,31 @@ class SymmetryOffsets:
     mode: Array
 
 
-def symmetries_by_offsets(said: SymmetryOffsets, scene: SceneCloud) -> SymmetrySlots:
+def symmetries_by_offsets(predicted: SymmetryOffsets, scene: SceneCloud) -> SymmetrySlots:
     """Return the planes, the axis and the sphere that the points agree on.
 
-    Confidence is the predicted probability times the share of the points that agree; of planes and
-    the axis also times the share of the points whose images nothing refutes.
+    Confidence is the predicted probability times the share of the points that agree; for planes
+    and the axis, also times the share of the points with images that are not refuted.
     """
-    middle = (said.points + said.center).mean(axis=0)
+    middle = (predicted.points + predicted.center).mean(axis=0)
     found: list[tuple[int, Symmetry, float]] = []
     for slot in REFLECTION_SLOTS:
-        normal, share = _common_direction(said.mirrored[:, slot])
+        normal, share = _common_direction(predicted.mirrored[:, slot])
         plane = ReflectionSymmetry(normal, middle)
-        seen = share * unrefuted(plane.counterpart(said.points), scene)
-        found.append((slot, plane, seen * float(said.existence[:, slot].mean())))
-    axis, share = _line_through(said.points + said.axis_foot)
-    seen = share * unrefuted(axis.counterpart(said.points), scene)
-    found.append((ROTATION_SLOT, axis, seen * float(said.mode[AXIS] + said.mode[BOTH])))
-    votes = said.points + said.center
+        seen = share * unrefuted(plane.counterpart(predicted.points), scene)
+        found.append((slot, plane, seen * float(predicted.existence[:, slot].mean())))
+    axis, share = _line_through(predicted.points + predicted.axis_foot)
+    seen = share * unrefuted(axis.counterpart(predicted.points), scene)
+    found.append((ROTATION_SLOT, axis, seen * float(predicted.mode[AXIS] + predicted.mode[BOTH])))
+    votes = predicted.points + predicted.center
     center = np.median(votes, axis=0)
     share = float((np.linalg.norm(votes - center, axis=1) < INLIER).mean())
-    found.append((SPHERE_SLOT, SphereSymmetry(center), share * float(said.mode[SPHERE])))
+    found.append((SPHERE_SLOT, SphereSymmetry(center), share * float(predicted.mode[SPHERE])))
     return SymmetrySlots.of(found, "network")
 
 
 def unrefuted(points: Array, scene: SceneCloud) -> float:
-    """Return the share of `points` (n, 3) that are not in front of what the camera sees."""
+    """Return the share of `points` (n, 3) that are not in front of the seen surface."""
     pixels, inside = scene.intrinsics.pixels_of(points)
     columns, rows = pixels[inside].T
     depth = scene.depth[rows, columns]
@@ -80,9 +80,9 @@ def unrefuted(points: Array, scene: SceneCloud) -> float:
 
 
 def _common_direction(offsets: Array) -> tuple[Array, float]:
-    """Return the unit direction that offsets (n, 3) to and fro share, and the share that does.
+    """Return the common unit direction of offsets (n, 3) of either sign, and the agreeing share.
 
-    Each coordinate is that of the largest cluster by DBSCAN; without one it is the median.
+    Each coordinate is from the largest cluster by DBSCAN, or the median without a cluster.
     """
     lengths = np.linalg.norm(offsets, axis=1, keepdims=True)
     directions = offsets / np.maximum(lengths, SHORTEST)
@@ -99,7 +99,7 @@ def _common_direction(offsets: Array) -> tuple[Array, float]:
 
 
 def _cluster(values: Array) -> Mask:
-    """Return which of `values` (n,) are in the largest cluster of DBSCAN with NEAR and NEEDED."""
+    """Return a mask of `values` (n,) in the largest cluster of DBSCAN with NEAR and NEEDED."""
     ordered = np.sort(values)
     last = np.searchsorted(ordered, ordered + NEAR, "right")
     core = ordered[last - np.searchsorted(ordered, ordered - NEAR) >= NEEDED * len(values)]
@@ -111,7 +111,7 @@ def _cluster(values: Array) -> Mask:
 
 
 def _line_through(feet: Array) -> tuple[RotationSymmetry, float]:
-    """Return the line that most of `feet` (n, 3) lie on, by RANSAC, and the share that does."""
+    """Return the line through most of `feet` (n, 3), by RANSAC, and the share of its inliers."""
     rng = np.random.default_rng(0)
     first, second = feet[rng.integers(len(feet), size=(2, TRIALS))]
     along = second - first

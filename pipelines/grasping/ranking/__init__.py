@@ -1,1 +1,1 @@
-"""Ranking of feasible grasps: Eq. 8, or the quality that a critic expects."""
+"""Ranking of feasible grasps by Eq. 8 or by a critic's expected quality."""

@@ -1,4 +1,4 @@
-"""Features of the surface that is seen at the two contacts of a grasp."""
+"""Features of the seen surface at the two contacts of a grasp."""
 
 import numpy as np
 
@@ -8,12 +8,12 @@ from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.ranking.known_region import evenly_taken
 from pipelines.grasping.scene import RegionCloud
 
-# All chosen by eye; the shipped weights were trained with them.
-RADII = (0.006, 0.012)  # metres, of the patches about a contact
-NUM_POINTS = 1500  # at most, of the region, that the patches are measured on
-CONTACT_REACH = 0.015  # metres, within which the nearest point's normal counts as the contact's
+# All chosen by eye; the shipped weights were trained with these values.
+RADII = (0.006, 0.012)  # metres, radii of the patches about a contact
+NUM_POINTS = 1500  # of the region, at most, for measuring the patches
+CONTACT_REACH = 0.015  # metres within which the nearest point's normal is the contact's
 FARTHEST = 0.03  # metres, cap of the distance to the nearest point
-ENOUGH = 30  # points in a patch; more say no more
+ENOUGH = 30  # points in a patch; more add nothing
 
 OF_A_PATCH = ("alignment", "alignment_spread", "points")
 OF_A_CONTACT = (
@@ -26,16 +26,16 @@ COLUMNS = len(OF_A_CONTACT)
 
 
 def contact_patches(grasps: GraspPoses, region: RegionCloud) -> Array:
-    """Return (k, 16) the `PATCH_FEATURES` of k grasps at `region`, eight of each contact.
+    """Return the `PATCH_FEATURES` (k, 16) of k grasps at `region`, eight for each contact.
 
-    Of the points within each of `RADII`: mean and spread of the cosine between their normals and
-    the closing axis, positive where the surface faces the finger, and their number. Of the nearest
+    For the points within each of `RADII`: mean and spread of the cosine between their normals and
+    the closing axis, positive if the surface faces the finger, and their number. For the nearest
     point: its distance, and the same cosine.
     """
     points = evenly_taken(region.points, NUM_POINTS)
     normals = evenly_taken(region.normals, NUM_POINTS)
     contacts, is_new = grasps.contacts, np.ones(len(grasps), bool)
-    # Grasps that turn about one pair of contacts come one after the other, and share its features.
+    # Grasps about one pair of contacts are consecutive and share the pair's features.
     is_new[1:] = (contacts[1:] != contacts[:-1]).any(axis=(1, 2))
     about = np.ascontiguousarray(points.T)
     closing = grasps.closing[is_new]
@@ -45,9 +45,9 @@ def contact_patches(grasps: GraspPoses, region: RegionCloud) -> Array:
 
 @compiled
 def _patches(contacts: Array, closing: Array, points: Array, normals: Array) -> Array:
-    """Return (k, 16) of pairs `contacts` (k, 2, 3) and `closing` (k, 3) among `points` (3, n)."""
+    """Return features (k, 16) of `contacts` (k, 2, 3), `closing` (k, 3) among `points` (3, n)."""
     columns = np.empty((len(contacts), 2 * COLUMNS))
-    # Squared distances of all points; then, at the front, of the near ones, and their cosines.
+    # Squared distances of all points; then, at the front, of the near points, with their cosines.
     squared, facing = np.empty(points.shape[1]), np.empty(points.shape[1])
     for k in range(len(contacts)):
         for finger in range(2):
@@ -79,7 +79,7 @@ def _patches(contacts: Array, closing: Array, points: Array, normals: Array) -> 
 
 @compiled
 def _patch(facing: Array, squared: Array, count: int, radius: float) -> tuple[float, float, float]:
-    """Return mean and spread of the first `count` of `facing` (n,) in a patch, and their number."""
+    """Return mean and spread of `facing[:count]` inside a patch, and the number of its points."""
     seen, total, scatter = 0, 0.0, 0.0
     for n in range(count):
         if squared[n] < radius * radius:

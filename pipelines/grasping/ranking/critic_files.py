@@ -22,7 +22,7 @@ FEATURES = {
     ),
     GRASPS: FeatureNames(grasp_features.POINT_FEATURES, (), grasp_features.CANDIDATE_FEATURES),
 }
-WRITTEN_BY = {  # that write the files
+WRITTEN_BY = {  # commands that write the files
     AXES: "symgrasp train-critic axes",
     PLANES: "symgrasp train-critic planes",
     GRASPS: "symgrasp train-critic grasps",
@@ -38,7 +38,7 @@ def read_point_critic(path: Path, model: str) -> PointCritic:
     """Read the weights of `model`, `PLANES` or `GRASPS`.
 
     Raises:
-        FormatError: the file holds no weights of such a critic, or of one with other features.
+        FormatError: the file holds no weights of this critic, or has other features.
     """
     return PointCritic(FEATURES[model], _read(path, model, FEATURES[model].weight_shapes()))
 
@@ -47,7 +47,7 @@ def read_axis_critic(path: Path) -> AxisCritic:
     """Read the weights of the critic of axes and spheres.
 
     Raises:
-        FormatError: the file holds no weights of such a critic, or of one with other features.
+        FormatError: the file holds no weights of this critic, or has other features.
     """
     size = (1 + len(axis_critic.FEATURES),)
     return AxisCritic(**_read(path, AXES, dict.fromkeys(axis_critic.KINDS, size)))
@@ -56,21 +56,21 @@ def read_axis_critic(path: Path) -> AxisCritic:
 def _read(
     path: Path, model: str, shapes: Mapping[str, tuple[int, ...]]
 ) -> dict[str, np.ndarray[Any, Any]]:
-    """Read the tensors named in `shapes`, and check what the file says of itself."""
+    """Read the tensors named in `shapes`, and check the file's metadata."""
     arrays, metadata = load_arrays(path)
-    found = metadata.get("model", "no network that is known")
+    found = metadata.get("model", "no known network")
     if found != model:
         raise FormatError(path, f"holds {found}", f"weights of {model} are expected")
     _check_features(path, model, metadata.get("features", "{}"))
     for name, shape in shapes.items():
         if name not in arrays or arrays[name].shape != shape:
             there = arrays[name].shape if name in arrays else "not there"
-            raise FormatError(path, f"{name} is {there}", f"of shape {shape} it is expected")
+            raise FormatError(path, f"{name} is {there}", f"shape {shape} is expected")
     return {name: arrays[name] for name in shapes}
 
 
 def _check_features(path: Path, model: str, text: str) -> None:
-    """Raise FormatError unless the metadata's `text` names the features that are computed."""
+    """Raise FormatError unless the metadata's `text` names the computed features."""
     cure = f"make the file again with `{WRITTEN_BY[model]}`"
     found = json_object(path, text, "features")
     for group, names in vars(FEATURES[model]).items():
@@ -82,5 +82,5 @@ def _check_features(path: Path, model: str, text: str) -> None:
             raise FormatError(path, counts, cure)
         for place, (there, here) in enumerate(zip(stored, names, strict=True), 1):
             if there != here:
-                what = f"takes {there} as {group} feature {place}, where {here} is computed"
-                raise FormatError(path, what, cure)
+                problem = f"takes {there} as {group} feature {place}, where {here} is computed"
+                raise FormatError(path, problem, cure)

@@ -1,9 +1,8 @@
-"""Features of grasps for the grasp critic: points about the gripper, and numbers (D. 82).
+"""Features of grasps for the grasp critic: points around the gripper, and numbers (D. 82).
 
-Points about a grasp are given in its frame (approach, closing, binormal): their place relative to
-the two contacts, the direction that the surface faces there, and their kind: measured on the
-region, put there by its symmetries, or measured on something else. The numbers are of the pose and
-of the surface at each contact.
+Points are given in the grasp frame (approach, closing, binormal): their position relative to the
+two contacts, the surface normal, and their kind: measured on the region, predicted by symmetries of
+the region, or measured elsewhere. The numbers describe the pose and the surface at each contact.
 """
 
 from collections.abc import Callable
@@ -23,9 +22,9 @@ from pipelines.grasping.ranking.contact_patches import PATCH_FEATURES, contact_p
 from pipelines.grasping.ranking.known_region import KnownRegion
 from pipelines.grasping.scene import RegionCloud
 
-# All chosen by eye; the shipped weights were trained with them.
-NUM_POINTS = 64  # of those about a grasp
-APPROACH_STRETCH = 1.5  # points may lie this much farther off along the approach than across it
+# All chosen by eye; the shipped weights were trained with these values.
+NUM_POINTS = 64  # points around a grasp
+APPROACH_STRETCH = 1.5  # points may be farther by this factor along the approach than across
 FARTHEST, DEEPEST = 0.15, 0.05  # metres, caps of coordinates, and of distances beyond a contact
 FINGER_BAND, BEHIND, BEYOND, BESIDE = 0.011, -0.04, 0.03, 0.01  # metres, space between the fingers
 
@@ -68,31 +67,31 @@ class GraspFeatures:
 
     @cached_property
     def _local(self) -> Singles:
-        """(k, 3, m) the region's pool of points in the frame of each grasp."""
+        """The region's pool of points (k, 3, m) in the frame of each grasp."""
         return grasp_frame(self.known.pool[0], self.found.grasps)
 
     @property
     def _half(self) -> Singles:
-        """(k,) metres from the midpoint of the contacts to a contact."""
+        """Distance (k,) from the midpoint of the contacts to a contact, metres."""
         return (0.5 * self.found.grasps.width).astype(np.float32)
 
     @cached_property
     def _between_fingers(self) -> tuple[Singles, Singles]:
-        """(k, m) metres of the pool's points from the space between the fingers.
+        """Distances (k, m) of the pool's points from the space between the fingers, metres.
 
-        And (k, 2) the number of measured and of hidden points in that space.
+        Also the numbers (k, 2) of measured and of hidden points in this space.
         """
         starts = np.concatenate([[0], np.cumsum(self.known.pool[1][:, 3:5].sum(axis=0))])
         return _between_fingers(self._local, self._half, starts.astype(np.int64))
 
     @property
     def _slot_confidence(self) -> Array:
-        """(k,) confidence in the symmetry that a grasp rests on; 0 without one."""
+        """Confidence (k,) in the symmetry of each grasp; 0 without a symmetry."""
         slot = self.found.slot
         return np.where(slot >= 0, self.known.symmetries.existence[np.maximum(slot, 0)], 0.0)
 
     def points(self) -> Singles:
-        """Return (k, 64, 11) the `POINT_FEATURES` of the points nearest to each closing gripper."""
+        """Return the `POINT_FEATURES` (k, 64, 11) of the points nearest to each closing gripper."""
         away = self._between_fingers[0]
         last = min(NUM_POINTS, away.shape[1]) - 1
         reach = np.ascontiguousarray(np.partition(away, last, axis=1)[:, last])
@@ -100,7 +99,7 @@ class GraspFeatures:
         return _nearest_rows(self._local, rotation, self._half, away, reach, self.known.pool[1])
 
     def candidates(self) -> Singles:
-        """Return (k, 49) the `CANDIDATE_FEATURES` of the grasps."""
+        """Return the `CANDIDATE_FEATURES` (k, 49) of the grasps."""
         columns = [values(self) for values in CANDIDATE_BLOCKS.values()]
         return np.column_stack(columns).astype(np.float32)
 
@@ -109,7 +108,7 @@ def _along_axes(name: str, axes: int = 3) -> tuple[str, ...]:
     return tuple(f"{name}_{axis}" for axis in ("approach", "closing", "binormal")[:axes])
 
 
-# Features that are worked out together: their names, and their columns (k, names).
+# Features that are computed together: their names, and their columns (k, names).
 CANDIDATE_BLOCKS: dict[tuple[str, ...], Callable[[GraspFeatures], Array | Singles | Mask]] = {
     ("width",): lambda of: 10.0 * of.found.grasps.width,
     _along_axes("up"): lambda of: np.einsum("kia,i->ka", of.found.grasps.rotation, of.known.up),
@@ -140,8 +139,8 @@ CANDIDATE_FEATURES = tuple(name for names in CANDIDATE_BLOCKS for name in names)
 
 
 def grasp_frame(points: Array, grasps: GraspPoses) -> Singles:
-    """Return (k, 3, m) `points` (m, 3) in the frame of each of k grasps."""
-    middle = points.mean(axis=0)  # single precision is fine about it
+    """Return `points` (m, 3) in the frame of each of k grasps (k, 3, m)."""
+    middle = points.mean(axis=0)  # single precision suffices near the mean
     origin = np.einsum("ki,kia->ka", grasps.translation - middle, grasps.rotation)
     about = np.ascontiguousarray((points - middle).T, np.float32)
     return _turned(about, grasps.rotation.astype(np.float32), origin.astype(np.float32))
@@ -149,7 +148,7 @@ def grasp_frame(points: Array, grasps: GraspPoses) -> Singles:
 
 @compiled
 def _turned(points: Singles, rotation: Singles, origin: Singles) -> Singles:
-    """Return (k, 3, m) `points` (3, m) by each `rotation` (k, 3, 3), less `origin` (k, 3)."""
+    """Return `points` (3, m) turned by each `rotation` (k, 3, 3), minus `origin` (k, 3)."""
     local = np.empty((len(origin), 3, points.shape[1]), np.float32)
     for k in range(len(origin)):
         for axis in range(3):
@@ -164,13 +163,13 @@ def _turned(points: Singles, rotation: Singles, origin: Singles) -> Singles:
 def _between_fingers(local: Singles, half: Singles, starts: Indices) -> tuple[Singles, Singles]:
     """Return distances (k, m) of points from the space between the contacts, and counts (k, 2).
 
-    Metres, shrunk along the approach; the counts are of the points of two kinds between the
-    fingers.
+    Distances are in metres, shrunk along the approach; the counts are of measured and of hidden
+    points between the fingers.
 
     Args:
         local: (k, 3, m) the points in the frame of each grasp.
         half: (k,) metres from the midpoint of the contacts to a contact.
-        starts: (3,) first point of either kind, and of the next one.
+        starts: (3,) first point of both kinds, and of the third kind.
     """
     away = np.empty((len(local), local.shape[2]), np.float32)
     between = np.zeros((len(local), 2), np.float32)
@@ -195,22 +194,22 @@ def _between_fingers(local: Singles, half: Singles, starts: Indices) -> tuple[Si
 def _nearest_rows(
     local: Singles, rotation: Singles, half: Singles, away: Singles, reach: Singles, about: Singles
 ) -> Singles:
-    """Return (k, 64, 11) the features of the 64 points least `away` (k, m), in their own order.
+    """Return the features (k, 64, 11) of the 64 points least `away` (k, m), in the given order.
 
-    Fewer points are repeated.
+    If there are fewer points, they are repeated.
 
     Args:
         local: (k, 3, m) the points in the frame of each grasp.
         rotation: (k, 3, 3) of the grasps.
         half: (k,) metres from the midpoint of the contacts to a contact.
         away: (k, m) metres from the space between the contacts.
-        reach: (k,) the distance of the last point that is taken.
+        reach: (k,) distance of the last of these points.
         about: (m, 7) normal, kind (3) and scaled height of the points.
     """
     far, deep = np.float32(FARTHEST), np.float32(DEEPEST)
     rows = np.empty((len(reach), NUM_POINTS, POINT_COLUMNS), np.float32)
     for k in range(len(reach)):
-        left = NUM_POINTS  # for the points at `reach`, of which some may be left out
+        left = NUM_POINTS  # for the points at `reach`; some may be omitted
         for m in range(len(about)):
             left -= away[k, m] < reach[k]
         count = 0
@@ -238,7 +237,7 @@ def _nearest_rows(
 
 
 def _extent(grasps: GraspPoses, region: RegionCloud) -> Array:
-    """Return (k, 9), half decimetres, grasp frame: the region's mean, its spread, its middle.
+    """Return mean, spread and middle of the region (k, 9), half decimetres, grasp frame.
 
     The mean is relative to the middle, the middle relative to the midpoint of the contacts.
     """

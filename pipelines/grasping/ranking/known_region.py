@@ -1,4 +1,4 @@
-"""The points that the grasp critic looks at: seen, put there by symmetry, and nearby."""
+"""Input points of the grasp critic: seen, predicted by symmetry, and nearby."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,7 +10,7 @@ from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.tabletop.levelling import UNKNOWN_UP
 
-MEASURED, HIDDEN, FOREIGN = 400, 200, 150  # of a region's points that may be chosen from, each kind
+MEASURED, HIDDEN, FOREIGN = 400, 200, 150  # most points of each kind to choose from
 HEIGHTS = (-0.05, 0.3)  # metres above the table
 
 
@@ -19,11 +19,11 @@ class KnownRegion:
     """A region with its surroundings, for the grasp critic. Camera frame, metres.
 
     Attributes:
-        region: n points.
-        scene: that it lies in.
-        symmetries: of the region.
-        hidden: (h, 3) points that these put where the camera sees nothing.
-        foreign: (f, 3) measured points nearby that are not the region's.
+        region: the region, n points.
+        scene: the scene of the region.
+        symmetries: symmetries of the region.
+        hidden: (h, 3) points that the symmetries predict where the camera sees nothing.
+        foreign: (f, 3) measured points nearby, outside of the region.
     """
 
     region: RegionCloud
@@ -34,14 +34,14 @@ class KnownRegion:
 
     @cached_property
     def up(self) -> Array:
-        """(3,) unit, away from the table."""
+        """Unit direction (3,) away from the table."""
         return UNKNOWN_UP if self.scene.plane is None else self.scene.plane.normal
 
     @cached_property
     def centre(self) -> Array:
-        """(3,) the expected centre of mass: the middle, moved toward each symmetry (D. 143).
+        """Expected centre of mass (3,): the middle, moved toward each symmetry (D. 143).
 
-        The share of the way is the belief in the symmetry.
+        The share of the distance is the belief in the symmetry.
         """
         centre = self.region.middle
         for slot, symmetry in self.symmetries.between(0.0):
@@ -50,14 +50,14 @@ class KnownRegion:
         return centre
 
     def heights(self, points: Array) -> Array:
-        """Return (...) metres of `points` (..., 3) above the table; zeros where none is known."""
+        """Return the height (...) of `points` (..., 3) above the table, metres, 0 without one."""
         if self.scene.plane is None:
             return np.zeros(points.shape[:-1])
         return self.scene.plane.height(points)
 
     @cached_property
     def pool(self) -> tuple[Array, Singles]:
-        """(m, 3) points to choose from, kind by kind; (m, 7) normal, kind (3), scaled height."""
+        """Points (m, 3) to choose from, by kind, with (m, 7) normal, kind (3), scaled height."""
         parts = [
             evenly_taken(self.region.points, MEASURED),
             evenly_taken(self.hidden, HIDDEN),

@@ -1,11 +1,11 @@
-"""Network over the points that a candidate sees: the probability that the candidate is right.
+"""Network over the points of a candidate: the probability that the candidate is correct.
 
-One such network is the critic of mirror planes (D. 80), another the critic of grasps (D. 82). Each
-point goes through shared layers; the maximum and the mean over the points go through further
-layers, beside numbers of the candidate itself. `symgrasp train-critic` learns the weights.
+The plane critic (D. 80) and the grasp critic (D. 82) are such networks. Each point goes through
+shared layers; the maximum and the mean over the points go through further layers, together with
+numbers of the candidate itself. `symgrasp train-critic` learns the weights.
 
 `PointCritic.logits` defines the network once, for arrays of numpy and for tensors of torch.
-`PointCritic.fast_logits` is the same for inference: compiled, without a copy of what points share.
+`PointCritic.fast_logits` is equal, for inference: compiled, without copies of shared features.
 """
 
 import json
@@ -21,10 +21,10 @@ from scipy.special import expit
 from pipelines.array_types import Array, Singles
 from pipelines.geometry.numerics.compiled import compiled
 
-Numbers = Any  # an array of numpy or a tensor of torch; all of one call are of one kind
+Numbers = Any  # an array of numpy or a tensor of torch, the same for all arguments of a call
 
 POINT_WIDTHS, LAST_WIDTHS = (64, 64, 96), (64, 32, 1)  # chosen by eye
-CHUNK = 16  # candidates at a time: the hidden rows of their points stay near the processor
+CHUNK = 16  # candidates at a time, so that hidden rows of points stay in the cache
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,9 @@ class FeatureNames:
     """Names of a critic's inputs, in the order of their columns.
 
     Attributes:
-        point: of each point that a candidate sees.
-        shared: of the candidate, given to each of its points and to the last layers.
-        candidate: of the candidate, given to the last layers alone, standardised.
+        point: features of each point of a candidate.
+        shared: features of the candidate, input of each point and of the last layers.
+        candidate: features of the candidate, input of the last layers only, standardised.
     """
 
     point: tuple[str, ...]
@@ -64,7 +64,7 @@ class PointCritic:
 
     Attributes:
         features: names of the inputs.
-        weights: by the names of `FeatureNames.weight_shapes`. `point.N` and `last.N` are linear
+        weights: named as in `FeatureNames.weight_shapes`. `point.N` and `last.N` are linear
             layers with ReLU between them; `mean` and `spread` (c,) standardise the candidate's
             features; `calibration` (a, b): a + b l are the log odds of logits l on new objects.
     """
@@ -80,7 +80,7 @@ class PointCritic:
         xp: ModuleType = np,
         dropout: Callable[[Numbers], Numbers] | None = None,
     ) -> Numbers:
-        """Return logits (k,) by `xp`, the module numpy or torch that the arguments are of.
+        """Return logits (k,) by `xp`, the module of the arguments, numpy or torch.
 
         `dropout`: applied to the output of the first of the last layers, in training.
         """
@@ -100,12 +100,12 @@ class PointCritic:
         return rows @ self.weights[f"{name}.weight"].T + self.weights[f"{name}.bias"]
 
     def probability(self, points: Singles, shared: Singles, candidates: Singles) -> Array:
-        """Return the probability (k,) that candidates are right, or the quality to expect."""
+        """Return the probability (k,) that candidates are correct, or the expected quality."""
         bias, slope = self.weights["calibration"].astype(np.float64)
         return np.asarray(expit(bias + slope * self.fast_logits(points, shared, candidates)))
 
     def fast_logits(self, points: Singles, shared: Singles, candidates: Singles) -> Singles:
-        """Return what `logits` does, up to rounding, in less time."""
+        """Return the result of `logits`, up to rounding, in less time."""
         parts = [slice(start, start + CHUNK) for start in range(0, max(1, len(points)), CHUNK)]
         pooled = [self._pooled(points[part], shared[part]) for part in parts]
         standard = (candidates - self.weights["mean"]) / self.weights["spread"]
@@ -115,8 +115,8 @@ class PointCritic:
         return np.asarray(joined[:, 0], np.float32)
 
     def _pooled(self, points: Singles, shared: Singles) -> Singles:
-        """Return (k, 2 c) the maximum and the mean of the last hidden rows of the points."""
-        # The first layer is a sum: the part of what points share is worked out once a candidate.
+        """Return maximum and mean (k, 2 c) of the last hidden rows of the points."""
+        # The first layer is a sum: the part of shared features is computed once per candidate.
         weight, bias = self.weights["point.0.weight"], self.weights["point.0.bias"]
         split = points.shape[-1]
         hidden = points.reshape(-1, split) @ weight[:, :split].T
@@ -140,7 +140,7 @@ def _rectify(rows: Singles, offset: Singles) -> None:
 
 @compiled
 def _largest_and_mean(rows: Singles, offset: Singles) -> Singles:
-    """Return (k, 2 c) the maximum and the mean of n `rows` (k, n, c) plus `offset` (c,)."""
+    """Return maximum and mean (k, 2 c) of n `rows` (k, n, c) plus `offset` (c,)."""
     pooled = np.empty((rows.shape[0], 2 * rows.shape[2]), np.float32)
     largest, mean = pooled[:, : rows.shape[2]], pooled[:, rows.shape[2] :]
     largest[:], mean[:] = -np.inf, 0.0

@@ -1,4 +1,4 @@
-"""Critic of fitted axes and spheres: logistic regressions of truth on three numbers (D. 31)."""
+"""Critic of fitted axes and spheres: logistic regressions on three numbers (D. 31)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

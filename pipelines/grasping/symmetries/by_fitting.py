@@ -1,4 +1,4 @@
-"""Symmetries of a region by fitting alone, the geometric rival of Sec. IV-E."""
+"""Symmetries of a region by fitting alone, the geometric method of Sec. IV-E."""
 
 from pipelines.geometry.symmetry import (
     REFLECTION_SLOTS,
@@ -12,14 +12,14 @@ from pipelines.geometry.symmetry_icp.planes import PlaneFit, plane_fits
 from pipelines.geometry.symmetry_icp.surface import FreeSpace, SeenSurface
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 
-ACCEPTED = 0.5  # confidence that fits which pass the published thresholds exceed, and others do not
+ACCEPTED = 0.5  # confidence that only fits within the published thresholds exceed
 
 
 def symmetries_by_fitting(region: RegionCloud, scene: SceneCloud) -> SymmetrySlots:
     """Return the symmetries that fit the points of `region`, without any network.
 
-    The three most confident planes, the best axis and the best sphere; those of a confidence above
-    `ACCEPTED` pass the published thresholds.
+    These are the three most confident planes, the best axis and the best sphere; a confidence above
+    `ACCEPTED` means that the published thresholds are passed.
     """
     surface = SeenSurface(region.points, region.normals)
     space = FreeSpace.around(region.points, scene.depth, scene.intrinsics, scene.plane)

@@ -1,7 +1,7 @@
-"""The sides of regions that the camera does not see, as images of the seen ones (D. 32, D. 85).
+"""Completion of regions: their unseen sides as images of the seen sides (D. 32, D. 85).
 
-A symmetry maps the seen side of a region onto its unseen one. No gripper should be there: neither
-one at the region itself nor one at its neighbour.
+A symmetry maps the seen side of a region onto its unseen side. No gripper may enter the unseen
+side, neither for a grasp of the region itself nor for a grasp of its neighbour.
 """
 
 from collections.abc import Sequence
@@ -21,11 +21,11 @@ COMPLETING_TURNS = np.radians(np.arange(45.0, 360.0, 45.0))
 
 @dataclass(frozen=True)
 class Completion:
-    """Points that are expected where the camera does not see. Camera frame, metres.
+    """Expected points that the camera does not see. Camera frame, metres.
 
     Attributes:
-        own: (h, 3) of a region.
-        others: (m, 3) of all other regions.
+        own: (h, 3) points of a region.
+        others: (m, 3) points of all other regions.
     """
 
     own: Array
@@ -46,8 +46,8 @@ def completions(
 ) -> list[Completion]:
     """Return the completion of each region of a frame, thinned to `resolution` metres.
 
-    `symmetries`: of each region. Less confidence is needed to keep off the far side of a neighbour
-    than to say where the own one is.
+    `symmetries`: symmetries of each region. A neighbour's far side needs less confidence to be an
+    obstacle than the region's own far side.
     """
     own, beside = [], []
     for region, known in zip(regions, symmetries, strict=True):
@@ -55,7 +55,7 @@ def completions(
         sure = known.between(max(config.min_completion_confidence, least))
         likely = known.between(max(config.min_neighbour_confidence, least))
         beside.append(hidden_points(region, likely, scene, resolution))
-        same = len(sure) == len(likely)  # one bound's symmetries are among the other's
+        same = len(sure) == len(likely)  # the symmetries of the stricter bound are a subset
         own.append(beside[-1] if same else hidden_points(region, sure, scene, resolution))
     return [
         Completion(mine, np.concatenate([np.zeros((0, 3)), *beside[:index], *beside[index + 1 :]]))
@@ -69,7 +69,7 @@ def hidden_points(
     scene: SceneCloud,
     resolution: float,
 ) -> Array:
-    """Return (h, 3) points of `region` that `symmetries` put where nothing is seen."""
+    """Return the points (h, 3) of `region` that `symmetries` predict in unseen space."""
     images = [np.zeros((0, 3))]
     for _, symmetry in symmetries:
         if isinstance(symmetry, RotationSymmetry):

@@ -1,8 +1,8 @@
 """Predicted symmetries fitted to the seen surface, with the confidence in each (D. 31).
 
-The network says roughly where a region's symmetries are; the measured points say exactly, and
-whether they exist at all: a true symmetry maps the seen surface onto seen surface or behind it,
-never into observed free space.
+The network predicts a region's symmetries roughly. The measured points determine them exactly, and
+whether they exist: a true symmetry maps the seen surface onto or behind seen surface, never into
+observed free space.
 """
 
 from dataclasses import dataclass
@@ -40,8 +40,8 @@ from pipelines.grasping.symmetries.plane_candidates import (
 )
 from pipelines.grasping.symmetries.plane_evidence import SAME_FIT, RegionEvidence, likely_planes
 
-NUM_POINTS = 400  # of the region that are fitted; chosen by eye, as the next two
-STRIDE = 4  # of these, between the points that are turned about each axis
+NUM_POINTS = 400  # of the region for fits; chosen by eye, as the next two
+STRIDE = 4  # every STRIDE-th of these points is turned about each axis
 TURNS = np.radians([60.0, 120.0, 180.0, 240.0, 300.0])
 SOURCE_NAMES = ("", "network", "shape", "both")  # by the bits of a candidate's sources
 BY_CANDIDATES: dict[SymmetrySource, int] = {
@@ -68,8 +68,8 @@ class Evidence(Generic[Fitted]):
     Attributes:
         symmetries: k of one kind, camera frame.
         rows: (k, 3), 0 to 1: the network's existence; the share of the seen surface that the fit
-            explains; the share of images that lie on or behind the observed surface.
-        sources: (k,) bits, by `NETWORK` and `SHAPE`.
+            explains; the share of images on or behind the observed surface.
+        sources: (k,) bits `NETWORK` and `SHAPE`.
     """
 
     symmetries: list[Fitted]
@@ -77,7 +77,7 @@ class Evidence(Generic[Fitted]):
     sources: Indices
 
     def best(self, critic: AxisCritic) -> tuple[Fitted, float, int]:
-        """Return the most likely symmetry, the confidence in it, and the sources that led to it."""
+        """Return the most likely symmetry, its confidence and its sources."""
         kind = self.symmetries[0].kind
         chosen = int(critic.log_odds(kind, self.rows).argmax())
         best = self.symmetries[chosen]
@@ -87,7 +87,7 @@ class Evidence(Generic[Fitted]):
 
 
 def _are_one(first: Fitted, second: Fitted) -> bool:
-    """Return whether two axes of a region are one line; a sphere is one with itself."""
+    """Return whether two axes of a region are the same line; spheres of a region are the same."""
     if isinstance(first, SphereSymmetry) or isinstance(second, SphereSymmetry):
         return first is second
     angle, offset = SAME_FIT
@@ -104,7 +104,7 @@ def ground_symmetries(
 ) -> SymmetrySlots:
     """Return the predicted `slots` fitted to `region`, with the confidence in each.
 
-    Planes are ordered by confidence: they leave the slots that predicted them.
+    Planes are ordered by confidence and may move to other slots.
     """
     allowed = BY_CANDIDATES[candidates]
     seen = slots, *fitted_points(region), scene
@@ -156,11 +156,11 @@ def starting_axes(
     table: Plane | None,
     allowed: int = NETWORK | SHAPE,
 ) -> tuple[list[RotationSymmetry], Indices]:
-    """Return k axes worth a fit, and their sources (k,); arguments as of `candidate_planes`.
+    """Return k axes to fit, and their sources (k,); arguments as in `candidate_planes`.
 
-    An upright object turns about the table's normal, a lying one about a level line at half its
-    height; a tin of which only the lid is seen about the lid's normal, through the middle of its
-    outline.
+    The axis of an upright object is the table's normal, the axis of a lying object a level line at
+    half its height. If only the lid of a tin is seen, the axis is the lid's normal through the
+    middle of its outline.
     """
     named, lines = slots.point[ROTATION_SLOT], []
     if allowed & NETWORK:
@@ -197,7 +197,7 @@ def middle_of_outline(points: Array, direction: Array) -> Array:
 
 
 def _lying(points: Array, along: list[Array], table: Plane) -> list[tuple[Array, Array]]:
-    """Return direction and point (3,) of an object's axis that lies `along` each on `table`."""
+    """Return direction and point (3,) of the axis of an object on `table`, for each of `along`."""
     middle = points.mean(axis=0)
     across = cross(table.normal, np.array(along))
     aside = half_between_ends(points, across) - across @ middle
@@ -207,7 +207,7 @@ def _lying(points: Array, along: list[Array], table: Plane) -> list[tuple[Array,
 
 
 def _turned(points: Array, axes: Array, feet: Array) -> Array:
-    """Return (n, k, t, 3) `points` (n, 3) turned by `TURNS` about `axes` through `feet` (k, 3)."""
+    """Return `points` (n, 3) turned by `TURNS` about `axes` through `feet` (k, 3): (n, k, t, 3)."""
     turns = rotation_about(axes[:, None], TURNS)  # (k, t, 3, 3)
     shift = feet[:, None] - np.einsum("ktij,kj->kti", turns, feet)
     return np.asarray((points @ turns.reshape(-1, 3).T).reshape(-1, *shift.shape) + shift)
@@ -222,7 +222,7 @@ def sphere_evidence(
 ) -> Evidence[SphereSymmetry]:
     """Return the network's sphere, fitted to `points` (n, 3) with `normals` (n, 3).
 
-    Without the network, that of a start in the middle of the points.
+    Without the network, the fit starts in the middle of the points.
     """
     by_network = bool(allowed & NETWORK)
     start = slots.point[SPHERE_SLOT] if by_network else points.mean(axis=0)

@@ -1,8 +1,8 @@
 """Features of mirror planes for the plane critic: seen points and their mirror images.
 
-Each point is given in the plane's own axes (normal, up in the plane, across), with the place of its
-mirror image: on the seen surface or off it, behind or before what the camera measured, above the
-table or beneath. Nothing depends on the sign of the plane's normal.
+Each point is given in the plane's axes (normal, up in the plane, across), with the position of its
+mirror image: on or off the seen surface, behind or in front of the measured surface, above or
+beneath the table. The features do not depend on the sign of the plane's normal.
 """
 
 from dataclasses import dataclass
@@ -23,13 +23,13 @@ from pipelines.tabletop.levelling import UNKNOWN_UP
 
 Projected = tuple[Indices, Mask, Array, Mask]
 
-# All chosen by eye; the shipped weights were trained with them.
-NUM_POINTS = 128  # of a region that are mirrored
+# All chosen by eye; the shipped weights were trained with these values.
+NUM_POINTS = 128  # mirrored points of a region
 FARTHEST = 0.03  # metres, cap of the distance from an image to the seen surface
-FARTHEST_GAP = 0.02  # metres, cap of that distance along the normal
-DEEPEST = 0.05  # metres, cap of the depth behind or before the measured surface
+FARTHEST_GAP = 0.02  # metres, cap of this distance along the normal
+DEEPEST = 0.05  # metres, cap of the depth behind or in front of the measured surface
 HEIGHTS = (-0.1, 0.5)  # metres above the table, caps
-LEVEL = 0.3  # length of up in the plane below which the viewing direction takes its place
+LEVEL = 0.3  # length of up in the plane below which the viewing direction replaces it
 
 
 class PlanePointFeature(IntEnum):
@@ -41,36 +41,36 @@ class PlanePointFeature(IntEnum):
     NORMAL_NORMAL = auto()  # the surface normal in the plane's axes
     NORMAL_UP = auto()
     NORMAL_ACROSS = auto()
-    IMAGE_DISTANCE = auto()  # to the nearest seen point of the region, of `FARTHEST`
-    IMAGE_GAP = auto()  # the same along that point's normal, of `FARTHEST_GAP`
-    IMAGE_AGREEMENT = auto()  # cosine of that normal and the mirrored one
-    IMAGE_BEHIND = auto()  # what the camera measured at its pixel, half decimetres
-    IMAGE_IS_MEASURED = auto()  # whether anything was measured at its pixel
-    IMAGE_IS_OWN = auto()  # whether its pixel is the region's
+    IMAGE_DISTANCE = auto()  # to the nearest seen point of the region, in `FARTHEST`
+    IMAGE_GAP = auto()  # same along that point's normal, in `FARTHEST_GAP`
+    IMAGE_AGREEMENT = auto()  # cosine of that normal and the mirrored normal
+    IMAGE_BEHIND = auto()  # the depth measured at its pixel, half decimetres
+    IMAGE_IS_MEASURED = auto()  # whether its pixel has a measurement
+    IMAGE_IS_OWN = auto()  # whether its pixel is in the region
     HEIGHT = auto()  # above the table, 2 decimetres
     IMAGE_HEIGHT = auto()
 
 
 POINT_FEATURES = tuple(each.name.lower() for each in PlanePointFeature)
 POINT_COLUMNS = len(PlanePointFeature)
-# Cosines of: the plane's normal and up, the normal and the view, the view and up.
+# Cosines between the plane's normal and up, the normal and the view, the view and up.
 PLANE_FEATURES = ("normal_up", "normal_view", "view_up")
 
 
 @dataclass(frozen=True)
 class MirrorImages:
-    """Points of a region, and the images of m of them in each of k planes. Camera frame, metres.
+    """Points of a region, and images of m points in each of k planes. Camera frame, metres.
 
     Attributes:
         points: (n, 3).
         normals: (n, 3) unit.
-        moved: (m,) indices of the mirrored points, evenly taken; some twice where there are fewer.
+        moved: (m,) indices of the mirrored points, evenly chosen; few points are repeated.
         images: (k, m, 3).
         distance: (k, m) from an image to the nearest seen point of the region.
-        gap: (k, m) the same along that point's normal.
-        agreement: (k, m) cosine of that normal and the mirrored one.
-        sides: (k, 3) from each plane, along its normal, to the lower end of the points, to their
-            median and to their upper end.
+        gap: (k, m) the same distance along that point's normal.
+        agreement: (k, m) cosine of that normal and the mirrored normal.
+        sides: (k, 3) distances from each plane, along its normal, to the lower end of the points,
+            to their median and to their upper end.
     """
 
     points: Array
@@ -97,7 +97,7 @@ class MirrorImages:
 
 
 def plane_features(planes: list[ReflectionSymmetry], region: Array, scene: SceneCloud) -> Singles:
-    """Return (k, 3) the `PLANE_FEATURES` of planes of a region with points (n, 3)."""
+    """Return the `PLANE_FEATURES` (k, 3) of planes of a region with points (n, 3)."""
     ray = unit(region.mean(axis=0))
     up = np.zeros(3) if scene.plane is None else scene.plane.normal
     normal = np.array([plane.normal for plane in planes])
@@ -108,7 +108,7 @@ def plane_features(planes: list[ReflectionSymmetry], region: Array, scene: Scene
 def point_features(
     planes: list[ReflectionSymmetry], mirrored: MirrorImages, mask: Mask, scene: SceneCloud
 ) -> Singles:
-    """Return (k, 128, 14) the `POINT_FEATURES` of points under each plane.
+    """Return the `POINT_FEATURES` (k, 128, 14) of points under each plane.
 
     `mask`: (H, W) the region's pixels.
     """
@@ -125,9 +125,9 @@ def point_features(
 def _plane_axes(
     planes: list[ReflectionSymmetry], mirrored: MirrorImages, scene: SceneCloud
 ) -> tuple[Array, Array]:
-    """Return (k, 3, 3) normal, up and across of each plane, and (k, 3) its point near the middle.
+    """Return normal, up and across (k, 3, 3) of each plane, and its point (k, 3) near the middle.
 
-    The normal points to the side on which most of the surface is seen.
+    The normal points to the side with most of the seen surface.
     """
     middle = mirrored.points.mean(axis=0)
     top = UNKNOWN_UP if scene.plane is None else scene.plane.normal
@@ -146,9 +146,9 @@ def _plane_axes(
 def _meetings(
     images: Array, nearest: Indices, points: Array, normals: Array, moved: Indices, planes: Array
 ) -> tuple[Array, Array]:
-    """Return (k, m) distances of images from the `nearest` of `points` (n, 3), along its normal.
+    """Return distances (k, m) of images from the `nearest` of `points` (n, 3), along its normal.
 
-    And the cosines of that normal and the image's, mirrored in planes with normals (k, 3).
+    Also the cosines of this normal and the image's normal; `planes` (k, 3): normals of the planes.
     """
     gap, agreement = np.empty(nearest.shape), np.empty(nearest.shape)
     for k in range(len(images)):
@@ -173,15 +173,15 @@ def _rows(
     projected: Projected,
     table: Array,
 ) -> Singles:
-    """Return what `point_features` does.
+    """Return the result of `point_features`.
 
     Args:
-        axes: (k, 3, 3) of the planes.
-        foot: (k, 3) on them.
+        axes: (k, 3, 3) axes of the planes.
+        foot: (k, 3) points on the planes.
         seen: points and normals (m, 3).
         met: images (k, m, 3), their distance, gap and agreement (k, m).
-        projected: pixels (k m, 2) of the images, which lie in the picture, its depth (H, W), mask.
-        table: (4,) normal and offset; zeros for none.
+        projected: pixels (k m, 2) of the images, which are inside, depth (H, W), mask.
+        table: (4,) normal and offset; zeros without a table.
     """
     (points, normals), (images, distance, gap, agreement) = seen, met
     pixels, inside, depth, mask = projected

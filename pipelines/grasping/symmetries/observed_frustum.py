@@ -1,4 +1,4 @@
-"""The part of space that the depth image leaves open: on and behind the seen surface (D. 6)."""
+"""The part of space that the depth image does not exclude: on and behind the surface (D. 6)."""
 
 import numpy as np
 
@@ -9,11 +9,11 @@ from pipelines.grasping.scene import SceneCloud
 
 
 def in_observed_frustum(points: Array, scene: SceneCloud) -> Mask:
-    """Return which of `points` (n, 3) may be real, given what the camera saw (Sec. III-F).
+    """Return a mask of `points` (n, 3) that the depth image does not exclude (Sec. III-F).
 
-    A point must project into the image and lie on or behind the surface seen there, to within the
-    sensor's tolerance and noise, sideways as well as in depth; where nothing was measured it may
-    be real.
+    A point must project into the image and be on or behind the surface seen there, within the
+    sensor's tolerance and noise, sideways as well as in depth. A point without a measurement at
+    its pixel is not excluded.
     """
     pixels, inside = scene.intrinsics.pixels_of(points)
     z = np.ascontiguousarray(points[:, 2], np.float64)
@@ -21,7 +21,7 @@ def in_observed_frustum(points: Array, scene: SceneCloud) -> Mask:
         return inside
     tolerance, noise = scene.sensor.behind_tolerance, scene.sensor.depth_noise
     reach = tolerance * scene.intrinsics.fx / float(median(z[inside]))
-    reach = min(reach, scene.intrinsics.width)  # of points at the lens it has no bound
+    reach = min(reach, scene.intrinsics.width)  # unbounded for points at the lens
     radius = max(1, round(reach))
     return _may_be_real(z, pixels, inside, scene.depth, radius, (tolerance, noise))
 
@@ -30,9 +30,9 @@ def in_observed_frustum(points: Array, scene: SceneCloud) -> Mask:
 def _may_be_real(
     z: Array, pixels: Indices, inside: Mask, depth: Array, radius: int, noise: tuple[float, float]
 ) -> Mask:
-    """Return which points, `z` (n,) away, something measured within `radius` pixels may hide.
+    """Return a mask of points at depth `z` (n,) that a surface within `radius` pixels may hide.
 
-    Or near which nothing was measured. `noise`: the tolerance, and what grows with z^2.
+    Points without a measurement nearby count too. `noise`: tolerance, and factor of z^2.
     """
     height, width = depth.shape
     real = inside.copy()

@@ -1,8 +1,8 @@
-"""Mirror planes that a region may have, from its shape and from the network, not yet scored.
+"""Candidate mirror planes of a region, from its shape and from the network, not yet scored.
 
-The planes of a box follow from its faces and its outline, those of a can from its axis, the level
-plane of anything on the table from half its height. Each source names planes that the others miss;
-planes named twice are kept once.
+The planes of a box follow from its faces and its outline, the planes of a can from its axis, the
+level plane of any object on the table from half its height. Each source proposes planes that the
+others miss; planes proposed twice are kept once.
 """
 
 import cv2
@@ -23,12 +23,12 @@ from pipelines.geometry.transforms import basis_from_direction, cross, unit
 # Sources of a candidate symmetry: the network, the region's shape, or both, as bits.
 NETWORK, SHAPE = 1, 2
 ENDS = (0.015, 0.985)  # of the points along a direction, against flying pixels
-TOP = 0.97  # of a region's heights, likewise
-FACE_TRIALS = 40  # normals tried as the one of the largest face
-FACE_ANGLE = np.radians(20.0)  # normals closer than this are one face's
-SIDE_ANGLE = np.radians(30.0)  # normals nearer than this to the largest face's are no side's
+TOP = 0.97  # of a region's heights, against flying pixels
+FACE_TRIALS = 40  # normals tried for the largest face
+FACE_ANGLE = np.radians(20.0)  # closer normals belong to one face
+SIDE_ANGLE = np.radians(30.0)  # from the largest face; nearer normals are no side
 MIN_SIDE_POINTS = 10
-SAME_ANGLE = np.radians(8.0)  # starts closer than both lead to one fit
+SAME_ANGLE = np.radians(8.0)  # starts closer than both limits lead to one fit
 SAME_OFFSET = 0.004  # metres
 
 NamedPlane = tuple[Array, Array, int]  # normal, point, source
@@ -42,11 +42,11 @@ def candidate_planes(
     table: Plane | None,
     allowed: int = NETWORK | SHAPE,
 ) -> tuple[list[ReflectionSymmetry], Indices]:
-    """Return k planes worth a look, each with its point next to the region's middle; their sources.
+    """Return k candidate planes, each with its point nearest to the region's middle, and sources.
 
-    Of a region with `points` (n, 3), metres, and unit `normals` (n, 3); all in the camera frame.
-    `axis` is the best axis of rotation, the `table`'s normal points to the camera; `allowed` are
-    the sources to look at.
+    The region has `points` (n, 3), metres, and unit `normals` (n, 3); all in the camera frame.
+    `axis` is the best rotation axis, the normal of `table` points to the camera, `allowed` are the
+    sources to use.
     """
     middle = points.mean(axis=0)
     named = [(slots.direction[k], slots.point[k], NETWORK) for k in REFLECTION_SLOTS]
@@ -56,7 +56,7 @@ def candidate_planes(
     chosen = [each for each in named if each[2] & allowed]
     normal = unit(np.array([direction for direction, _, _ in chosen]))
     offset = np.einsum("ki,ki->k", np.array([point for _, point, _ in chosen]) - middle, normal)
-    foot = middle + offset[:, None] * normal  # nearest to the middle
+    foot = middle + offset[:, None] * normal  # point nearest to the middle
     planes = [ReflectionSymmetry(*each) for each in zip(normal, foot, strict=True)]
     sources = np.array([source for _, _, source in chosen])
     return merged_planes(planes, sources, SAME_ANGLE, SAME_OFFSET)
@@ -65,7 +65,7 @@ def candidate_planes(
 def _from_shape(
     axis: RotationSymmetry, points: Array, normals: Array, table: Plane | None
 ) -> tuple[list[NamedPlane], list[NamedPlane]]:
-    """Return planes by the region's shape, and those whose place the axis gives."""
+    """Return planes from the region's shape, and planes positioned by the axis."""
     directions, named = face_directions(points, normals), []
     if table is not None:
         directions += level_directions(points, table)
@@ -73,12 +73,12 @@ def _from_shape(
     across = [*directions, axis.direction]
     middles = half_between_ends(points, np.array(across))
     named += [(d, middle * d, SHAPE) for d, middle in zip(across, middles, strict=True)]
-    # The middle of a half hidden object is not that of its seen part: the axis may know it.
+    # The middle of a half hidden object is not the middle of its seen part, but may be on the axis.
     return named, [(d, axis.point, SHAPE) for d in directions]
 
 
 def half_between_ends(points: Array, directions: Array) -> Array:
-    """Return (k,) the offsets along `directions` (k, 3) halfway between the ends of `points`."""
+    """Return the offsets (k,) along `directions` (k, 3) halfway between the ends of `points`."""
     return np.asarray(quantiles(directions @ points.T, ENDS).mean(axis=1))
 
 
@@ -95,9 +95,9 @@ def region_top(points: Array, table: Plane) -> float:
 
 
 def face_directions(points: Array, normals: Array) -> list[Array]:
-    """Return the edges of the two boxes that fit: the largest face's normal and two across it.
+    """Return the edges of two fitting boxes: the largest face's normal and two directions across.
 
-    Across it once as the other faces lie, if any are seen, once as the outline lies.
+    The directions across follow from the other faces, if any are seen, and from the outline.
     """
     face = largest_face(normals)
     basis = basis_from_direction(face)[:, 1:]
@@ -105,14 +105,14 @@ def face_directions(points: Array, normals: Array) -> list[Array]:
     sides = lean[np.linalg.norm(lean, axis=1) > np.sin(np.pi / 2 - SIDE_ANGLE)]
     angles = [_outline_angle(points @ basis)]
     if len(sides) > MIN_SIDE_POINTS:
-        # Faces at right angles are one direction of four times their angle.
+        # Four times their angle is equal for faces at right angles.
         quadrupled = 4.0 * np.arctan2(sides[:, 1], sides[:, 0])
         angles.append(float(np.angle(np.exp(1j * quadrupled).mean())) / 4.0)
     return [face, *_frames(face, basis, angles)]
 
 
 def largest_face(normals: Array) -> Array:
-    """Return the normal (3,) that most of `normals` (n, 3) are close to, or opposite of."""
+    """Return the normal (3,) that most of `normals` (n, 3) are parallel or opposite to."""
     trials = normals[:: max(1, len(normals) // FACE_TRIALS)]
     narrow = np.cos(FACE_ANGLE)
     face = trials[_likeness(np.abs(normals @ trials.T), float(narrow)).argmax()]
@@ -124,7 +124,7 @@ def largest_face(normals: Array) -> Array:
 def level_directions(points: Array, table: Plane) -> list[Array]:
     """Return the sides of the smallest rectangle around `points` (n, 3) as seen from above.
 
-    And their principal axes in the table's plane: the outline's, where its far side is not seen.
+    Also the principal axes in the table's plane, in case the far side of the outline is unseen.
     """
     basis = basis_from_direction(table.normal)[:, 1:]
     flat = points @ basis
@@ -134,31 +134,31 @@ def level_directions(points: Array, table: Plane) -> list[Array]:
 
 
 def axes_of_spread(points: Array) -> Array:
-    """Return the (d, d) principal axes of `points` (n, d) as columns, the longest last."""
+    """Return the principal axes (d, d) of `points` (n, d) as columns, longest last."""
     away = points - points.mean(axis=0)
     vectors: Array = np.linalg.eigh(away.T @ away / (len(points) - 1))[1]
     return vectors
 
 
 def _frames(normal: Array, basis: Array, angles: list[float]) -> list[Array]:
-    """Return two directions (3,) for each of `angles` in `basis` (3, 2): there, and across it."""
+    """Return two directions (3,) for each of `angles` in `basis` (3, 2): at it, and across."""
     first = np.array([[np.cos(angle), np.sin(angle)] for angle in angles]) @ basis.T
     across = cross(normal, first)
     return [each for pair in zip(first, across, strict=True) for each in pair]
 
 
 def _outline_angle(flat: Array) -> float:
-    """Return how the smallest rectangle around `flat` (n, 2) is turned, radians."""
+    """Return the angle of the smallest rectangle around `flat` (n, 2), radians."""
     return float(np.radians(cv2.minAreaRect(flat.astype(np.float32))[2]))
 
 
 def merged_planes(
     planes: list[ReflectionSymmetry], sources: Indices, angle: float, offset: float
 ) -> tuple[list[ReflectionSymmetry], Indices]:
-    """Return `planes` without those within `angle` (radians) and `offset` (metres) of one before.
+    """Return `planes` without those within `angle` (radians) and `offset` (metres) of earlier ones.
 
-    And the sources of all that each stands for. `offset` is taken along the earlier plane's normal;
-    `sources` (k,) are bits, by `NETWORK` and `SHAPE`.
+    Also the merged sources of each plane. `offset` is along the earlier plane's normal; `sources`
+    (k,) are bits `NETWORK` and `SHAPE`.
     """
     normal = np.array([plane.normal for plane in planes]).reshape(-1, 3)
     point = np.array([plane.point for plane in planes]).reshape(-1, 3)
@@ -170,9 +170,9 @@ def merged_planes(
 def _distinct(
     normal: Array, point: Array, sources: Indices, cosine: float, offset: float
 ) -> tuple[Indices, Indices]:
-    """Return which planes of `normal` and `point` (k, 3) are kept, in their order.
+    """Return the indices of the planes of `normal` and `point` (k, 3) that are kept, in order.
 
-    And the bits of `sources` (k,) of each and of those that it stands for.
+    Also the `sources` (k,) of each, merged with the sources of its duplicates.
     """
     kept, joined, count = np.empty(len(normal), np.int64), np.empty(len(normal), np.int64), 0
     for k in range(len(normal)):
@@ -194,7 +194,7 @@ def _distinct(
 
 @compiled
 def _likeness(cosine: Array, narrow: float) -> Array:
-    """Return (t,) sums of `cosine` (n, t) from 0, at `narrow` and less, to 1."""
+    """Return sums (t,) over n of `cosine` (n, t), scaled to 0 at `narrow` or less, 1 at 1."""
     total = np.zeros(cosine.shape[1])
     for n in range(len(cosine)):
         for t in range(len(total)):

@@ -1,7 +1,7 @@
-"""Mirror planes of a region: candidates fitted to the seen surface, the best by a critic (D. 65).
+"""Mirror planes of a region: candidates fitted to the seen surface, selected by a critic (D. 65).
 
-A true plane maps the seen surface onto seen surface or behind it, never into observed free space,
-and lies in the middle. The plane critic, a `PointCritic`, makes a probability of that evidence.
+A true plane is in the middle and maps the seen surface onto or behind seen surface, never into
+observed free space. The plane critic, a `PointCritic`, turns this evidence into a probability.
 """
 
 from dataclasses import dataclass
@@ -29,33 +29,33 @@ from pipelines.grasping.symmetries.plane_candidates import (
     region_top,
 )
 
-# All chosen by eye, but for RIVALS (D. 65); the shipped weights were trained with them.
-BESIDE = 0.008  # metres from an image to the nearest seen point: it lies beside the surface
-ON_SURFACE = 0.003  # metres along that point's normal: it lies on the surface
+# All chosen by eye, except RIVALS (D. 65); the shipped weights were trained with these values.
+BESIDE = 0.008  # metres to the nearest seen point, from which an image is next to the surface
+ON_SURFACE = 0.003  # metres along that point's normal, up to which an image is on the surface
 FACING = np.cos(np.radians(20.0))
 LEVEL = np.cos(np.radians(25.0))
-UNKNOWN_TILT = 0.7  # stands for the cosine with the table's normal where no table is known
+UNKNOWN_TILT = 0.7  # replaces the cosine with the table's normal if no table is known
 SAME_FIT = np.radians(2.0), 0.001  # radians, metres
-# Of two planes at a smaller angle one is wrong, or follows from the other: no two planes of a
-# bounded body are parallel, and listed ones stand at right angles, or at 60 degrees in a prism.
+# Of two planes at a smaller angle, one is wrong or follows from the other: no two planes of a
+# bounded body are parallel; listed planes are at right angles, or at 60 degrees in a prism.
 RIVALS = np.radians(50.0)
 
 FEATURES = (
-    "on_surface",  # share of the mirror images that lie on the seen surface
-    "beside_surface",  # share that lies next to it, but not on it
-    "consistency",  # share that is not in observed free space
+    "on_surface",  # share of the mirror images on the seen surface
+    "beside_surface",  # share next to the seen surface, but not on it
+    "consistency",  # share outside of observed free space
     "off_middle",  # distance to the middle of the seen points, in extents along the normal
     "facing",  # share of the surface that faces along the normal
     "tilt",  # cosine with the table's normal
     "level",  # whether the plane is parallel to the table
     "off_halfway",  # distance of level planes to half the region's height, in heights
-    "size",  # of the region, metres
+    "size",  # extent of the region, metres
 )
 
 
 @dataclass(frozen=True)
 class RegionEvidence:
-    """Everything that the planes of a region are fitted to and evaluated on. Camera frame, metres.
+    """Inputs for fitting and evaluating the planes of a region. Camera frame, metres.
 
     Attributes:
         slots: the network's symmetries.
@@ -64,7 +64,7 @@ class RegionEvidence:
         normals: (n, 3) unit.
         mask: (H, W) pixels of the region.
         scene: measured points and table.
-        allowed: sources of planes to look at.
+        allowed: sources of planes to use.
     """
 
     slots: SymmetrySlots
@@ -81,7 +81,7 @@ def likely_planes(
 ) -> list[tuple[ReflectionSymmetry, float, int]]:
     """Return at most three distinct planes, the most likely first.
 
-    Each with the confidence in it and its source.
+    Each plane comes with its confidence and its source.
     """
     planes, sources = fitted_planes(region)
     confidence = critic.probability(*critic_inputs(planes, region))
@@ -92,9 +92,9 @@ def likely_planes(
 
 
 def fitted_planes(region: RegionEvidence) -> tuple[list[ReflectionSymmetry], Indices]:
-    """Return all k candidate planes, and beside them their fits to the seen surface; the sources.
+    """Return all k candidate planes, their fits to the seen surface, and the sources.
 
-    Planes that are alike have the sources of all of them.
+    Alike planes are merged, with the sources of all.
     """
     points, normals, table = region.points, region.normals, region.scene.plane
     seen = points, normals, table
@@ -145,7 +145,7 @@ def _evidence(
 def _against_table(
     planes: list[ReflectionSymmetry], normal: Array, region: RegionEvidence
 ) -> tuple[Array, Array]:
-    """Return (k,) the cosine with the table's normal, and the distance to half the height."""
+    """Return the cosine (k,) with the table's normal, and the distance (k,) to half the height."""
     table = region.scene.plane
     if table is None:
         return np.full(len(planes), UNKNOWN_TILT), np.zeros(len(planes))

@@ -1,1 +1,1 @@
-"""DetectedSymmetries of planes, axes and spheres of symmetry of a mesh."""
+"""Detection of the mirror planes, rotation axes and spheres of a mesh."""

@@ -13,7 +13,7 @@ from pipelines.array_types import Array, Indices
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, Symmetry
 
-CELLS_PER_RADIUS = 8.0  # triangles are sorted by cells of space, so that neighbours stay together
+CELLS_PER_RADIUS = 8.0  # triangles are sorted by spatial cells, so that neighbours stay together
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class CanonicalPose:
     def of(cls, given: Mesh) -> "CanonicalPose":
         """Return `given` with the centroid as origin, along its principal axes, at unit radius.
 
-        Duplicate triangles are removed. A mesh without area stays as it is.
+        Duplicate triangles are removed. A mesh without area is unchanged.
         """
         mesh = _without_doubles(given)
         area = mesh.face_areas
@@ -39,7 +39,7 @@ class CanonicalPose:
         center = np.average(middle, axis=0, weights=area)
         arms = mesh.triangles - center
         sums = arms.sum(axis=1)
-        # The second moment of a triangle's area about the centroid, exactly.
+        # The exact second moment of a triangle's area about the centroid.
         moment = np.einsum("f,fi,fj->ij", area, sums, sums)
         moment += np.einsum("f,fki,fkj->ij", area, arms, arms)
         moment /= 12.0 * area.sum()
@@ -82,7 +82,7 @@ def _without_doubles(mesh: Mesh) -> Mesh:
 def _in_order(vertices: Array, faces: Indices) -> Indices:
     """Return `faces` (f, 3) sorted by position, each starting opposite to its longest edge.
 
-    All are turned to face away from the centroid, since files disagree on the outside.
+    All triangles face away from the centroid, since files disagree on the outside.
     """
     corners = vertices[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

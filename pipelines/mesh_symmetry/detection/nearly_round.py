@@ -1,8 +1,8 @@
 """Roundness of bodies of revolution that are slightly bent, oval, engraved or dented (D. 138).
 
-A body counts as round about its bent middle line. What is left, as of a slight oval, misses at some
-angles and not at others, like an n-gon; but the normals of an n-gon lean to and fro by 2 / n, those
-of a slight oval hardly.
+A body counts as round about its bent middle line. Like an n-gon, a slight oval still misses at some
+angles and not at others; but the normals of an n-gon lean to and fro by 2 / n, the normals of a
+slight oval hardly lean.
 Normalised coordinates: origin at the surface's centroid, unit diameter. An axis is a row
 (ux, uy, uz, px, py, pz).
 """
@@ -30,20 +30,20 @@ from pipelines.mesh_symmetry.symmetry_verification import (
     turn_samples,
 )
 
-LEAST_LATERAL = 0.25  # sine between normal and axis; the normals of flats do not show the middle
-BEND_SCALES = (0.03, 0.02, 0.015)  # Tukey scales, of the diameter, one a step of the fit
+LEAST_LATERAL = 0.25  # sine between normal and axis; normals of flats do not determine the middle
+BEND_SCALES = (0.03, 0.02, 0.015)  # Tukey scales of the fit's steps, of the diameter
 BEND_ANGLES = VERIFICATION_ANGLES[2::2]
-MAX_BEND = 0.03  # of the diameter; what is bent farther is another shape
-MAX_OVALNESS = 0.6  # of the limit for misses that are alike at all angles
+MAX_BEND = 0.03  # of the diameter; a body with more bend is another shape
+MAX_OVALNESS = 0.6  # of the limit for equal misses at all angles
 STIFFNESS = 1.0  # samples' worth of a straight middle line
-NUM_BANDS = 8  # of the height, each with normals of its own
+NUM_BANDS = 8  # bands of the height, tested separately
 LEAST_BAND = 60  # samples
 POLYGONS = np.arange(2, HIGHEST_HARMONIC + 1)
 MAX_OVAL_LEAN = 0.045  # radians; of an oval whose width varies by 4.5 %
-# Least share of the lean that one wave is; of an n-gon's it is 0.6, of a dented neck's 0.42.
+# Least share of the lean in one wave; 0.6 for an n-gon, 0.42 for a dented neck.
 MIN_EXPLAINED = 0.5
 MIN_COHERENT = 0.05  # of a wave at all heights, where noise averages out
-RIDGE = 0.003  # of the samples; keeps waves that a short arc does not tell apart small
+RIDGE = 0.003  # of the samples; limits waves that a short arc does not determine
 ROUGH = 0.001  # of the diameter; noise that rounds the edges of polygons is twice that
 # Waves of ten-sided columns under such noise: 0.075 to 0.099, 7.4 to 9.6 deviations; of round
 # bodies: up to 0.076, up to 5.0 deviations.
@@ -51,9 +51,9 @@ MAX_ROUGH_HARMONIC, CERTAIN = 0.06, 6.0
 
 
 def is_nearly_round(surface: Surface, samples: Samples, axis: Array) -> bool:
-    """Return whether a surface that turns about `axis` (6,) fit is round, if need be as bent.
+    """Return whether a surface that fits turns about `axis` (6,) is round, possibly bent.
 
-    That normals lean in a pattern is to be excluded first.
+    Normals that lean in a pattern must be excluded first.
     """
     straight = np.zeros_like(samples.points)
     return _are_alike(bent_fits(surface, samples, axis, straight)) or _are_alike(
@@ -67,7 +67,7 @@ def _are_alike(fits: Sequence[SurfaceFit]) -> bool:
 
 
 def bent_fits(surface: Surface, samples: Samples, axis: Array, shift: Array) -> list[SurfaceFit]:
-    """Return the fits of turns about a line that is `shift` (n, 3) beside `axis` at each sample."""
+    """Return the fits of turns about a line that is offset by `shift` (n, 3) from `axis`."""
     fits = []
     for angle in VERIFICATION_ANGLES:
         moved = Samples(samples.points - shift, samples.normals)
@@ -80,7 +80,7 @@ def bent_fits(surface: Surface, samples: Samples, axis: Array, shift: Array) -> 
 def bend_of(surface: Surface, samples: Samples, axis: Array) -> Array:
     """Return the shift (n, 3) of the middle line across `axis` at the height of each sample.
 
-    It is quadratic in the height, and fits the turned samples to the surface.
+    The shift is quadratic in the height and fits the turned samples to the surface.
     """
     points = samples.points
     height = (points - axis[3:]) @ axis[:3]
@@ -112,7 +112,7 @@ def bend_of(surface: Surface, samples: Samples, axis: Array) -> Array:
 def leans_in_pattern(samples: Samples, axis: Array, noise: float = 0.0) -> bool:
     """Return whether normals lean to and fro around `axis` (6,), as those of an n-gon or oval.
 
-    `noise`: of the surface, in diameters; its smoothed normals lean less.
+    `noise`: noise of the surface, in diameters; smoothed normals of a noisy surface lean less.
     """
     p = profile(Axis(axis[:3], axis[3:]), samples.points, samples.normals)
     wall = (p.lateral > LEAST_LATERAL) & (p.radius > NEAR_AXIS)
@@ -123,7 +123,7 @@ def leans_in_pattern(samples: Samples, axis: Array, noise: float = 0.0) -> bool:
         return True
     if _is_wave(angle, lean, POLYGONS, MAX_HARMONIC, MIN_COHERENT):
         return True
-    above_chance = CERTAIN**2 / len(lean)  # scattered leans explain 2 / n of themselves
+    above_chance = CERTAIN**2 / len(lean)  # a wave explains 2 / n of random leans
     if noise > ROUGH and _is_wave(angle, lean, POLYGONS, MAX_ROUGH_HARMONIC, above_chance):
         return True
     borders = np.linspace(height.min(), height.max(), NUM_BANDS + 1)[1:-1]
@@ -138,9 +138,8 @@ def leans_in_pattern(samples: Samples, axis: Array, noise: float = 0.0) -> bool:
 def _is_wave(angle: Array, lean: Array, orders: Indices, limit: float, least: float) -> bool:
     """Return whether one wave of `orders`, of more than `limit` radians, is in `lean` (n,).
 
-    It explains more than the share `least` of its variance, both by itself and beside the wave of
-    an axis beside the middle, once around: where a hole interrupts the circle, the two resemble
-    each other.
+    The wave must explain more than the share `least` of the variance, both alone and next to the
+    single wave of an axis off the middle: if a hole interrupts the circle, the two are similar.
     """
     waves = np.exp(1j * np.outer(np.arange(int(orders[-1]) + 1), angle))
     once = np.stack([waves[0].real, waves[1].real, waves[1].imag])

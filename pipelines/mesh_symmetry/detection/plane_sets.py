@@ -1,4 +1,4 @@
-"""Mirror planes of one body: those that agree, the one across an axis, the three that are kept."""
+"""Mirror planes of one body: consistent sets, the plane across an axis, the best three."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,23 +20,23 @@ from pipelines.mesh_symmetry.symmetry_verification import SurfaceFit
 Accepted = tuple[Array, SurfaceFit]  # a plane (nx, ny, nz, d) and its fit
 
 ACROSS_COSINE = float(np.cos(np.radians(5.0)))
-CLOSEST_PLANES = float(np.radians(20.0))  # nearer ones imply more than eight planes
+CLOSEST_PLANES = float(np.radians(20.0))  # at a smaller angle, planes imply more than eight planes
 GROUP_TOLERANCE = float(np.radians(4.0))  # of the angle between two planes
-GROUP_ROOM = 1.5  # on the limits of a plane that others imply
+GROUP_ROOM = 1.5  # factor on the limits of implied planes
 MISS_LIMITS = ("max_mean", "max_p95", "max_p99", "max_error")
 WIDEST = 98.0  # percentile of the distances from the axis
-ENDS_FLOOR = 0.001  # of the diameter, where ends differ by the tessellation alone
-MAX_ENDS = 0.02  # of the width; by how much the ends of a revolved body may differ
+ENDS_FLOOR = 0.001  # of the diameter; smaller differences are due to tessellation
+MAX_ENDS = 0.02  # of the width; largest difference of the ends of a revolved body
 FACING_POWER = 8  # exponent of the cosine between a face's normal and the plane's
 
 
 def consistent_planes(
     shape: UnitSurface, planes: Sequence[Accepted], config: AnnotateSymmetryConfig
 ) -> list[Accepted]:
-    """Return the planes, best first, without those that contradict a better one.
+    """Return the planes, best first, without planes that contradict a better plane.
 
-    Two mirrors imply a turn by twice their angle, and all images of the two. A loose plane beside a
-    true one, as through the middle of a jug beside its spout, fails there.
+    Two mirrors imply a turn by twice their angle, and all images of the two. A loose plane next to
+    a true one, as a plane next to the spout of a jug, fails this test.
     """
     kept: list[Accepted] = []
     for plane, fit in planes:
@@ -48,7 +48,7 @@ def consistent_planes(
 def _form_a_group(
     shape: UnitSurface, first: Array, second: Array, config: AnnotateSymmetryConfig
 ) -> bool:
-    """Return whether the planes (4,) that two planes imply hold, within wider limits.
+    """Return whether the planes (4,) implied by two planes hold, within wider limits.
 
     Parallel mirrors imply a translation, which no bounded object has.
     """
@@ -79,7 +79,7 @@ def _mirrored(plane: Array, mirror: Array) -> Array:
 def plane_across(
     shape: UnitSurface, axis: Array, accepted: Sequence[Accepted], config: AnnotateSymmetryConfig
 ) -> list[Accepted]:
-    """Return the plane perpendicular to the continuous axis, if it is one of symmetry.
+    """Return the plane perpendicular to the continuous axis, if it is a mirror plane.
 
     The planes through the axis follow from the axis, and no other plane is possible.
     """
@@ -104,9 +104,9 @@ def plane_across(
 def best_planes(
     shape: UnitSurface, accepted: Sequence[Accepted], config: AnnotateSymmetryConfig
 ) -> list[Accepted]:
-    """Return at most `max_planes` planes: the most orthogonal ones, with faces along their normals.
+    """Return at most `max_planes` planes: the most orthogonal set, with faces along the normals.
 
-    A cube has nine planes, the network three slots. Among equally orthogonal triples, the one
+    A cube has nine planes, the network three slots. Among equally orthogonal triples, the triple
     parallel to faces is best: its mirrored points face each other and can be grasped.
     """
     if len(accepted) <= config.max_planes:

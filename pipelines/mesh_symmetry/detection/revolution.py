@@ -1,9 +1,9 @@
 """Axes of revolution of parts of a surface, and the samples that each axis explains.
 
 On a surface of revolution the line of every normal meets the axis: the normal does not lean
-sideways. That is linear in the Pluecker coordinates of the axis, so a patch of the surface gives an
-axis by one eigenvalue problem. A sample supports the axis only if the surface goes all the way
-round: if samples of its height, radius and slope fill its circle.
+sideways. This condition is linear in the Pluecker coordinates of the axis, so a patch gives an axis
+by one eigenvalue problem. A sample supports the axis only if its circle is full: if samples of the
+same height, radius and slope surround the axis.
 Normalised coordinates: origin at the surface's centroid, unit diameter.
 """
 
@@ -19,16 +19,16 @@ PATCH_RADII = (0.08, 0.16, 0.32, 2.0)  # of the diameter; the last covers the wh
 PATCH_SAMPLES = 1300
 KEPT_AXES = 5
 SAME_ANGLE, SAME_OFFSET = float(np.radians(6.0)), 0.03
-LEAN_SCALES = (0.5, 0.35, 0.25)  # Tukey scales of the normals' sideways lean, one a step of the fit
+LEAN_SCALES = (0.5, 0.35, 0.25)  # Tukey scales of the normals' sideways lean, per step of the fit
 
 MAX_LEAN = float(np.sin(np.radians(20.0)))  # a hexagon's sides lean by up to 30 degrees
-NEAR_AXIS = 0.012  # of the diameter; nearer to the axis the lean of a normal is meaningless
+NEAR_AXIS = 0.012  # of the diameter; closer to the axis, the lean of a normal is meaningless
 CIRCLE_CELL = 0.025  # of the diameter; cell of height and radius of a circle
 SLOPE_SECTORS = 6  # cells of the slope of a circle's surface
 BINS = 24  # of the angle around the axis
 MIN_COVERAGE = 0.5  # of a circle's bins; scattered samples fill 0.8 of a full circle, 0.4 of half
 MIN_COUNT = 12  # fewer samples do not show whether a circle is full
-MANY = 72  # samples from which single bins are counted; with fewer, pairs of bins
+MANY = 72  # least samples to count single bins; with fewer, pairs of bins
 MAX_HARMONIC = 0.1  # radians; a regular n-gon leans by 2 / n, an ellipse by 1 - its flattening
 HIGHEST_HARMONIC = 12
 
@@ -49,12 +49,12 @@ class Profile:
     radius: Array
     angle: Array  # radians
     lean: Array  # sine between the outward normal and the plane through axis and sample
-    slope: Array  # radians, direction of the normal in that plane, the same for both signs
+    slope: Array  # radians, direction of the normal in this plane, equal for both signs
     lateral: Array  # sine between normal and axis: 0 for a flat across the axis
 
 
 def revolution_axes(points: Array, normals: Array) -> list[Axis]:
-    """Return the axes about which patches of the surface revolve, by falling support.
+    """Return the axes of revolution of patches of the surface, by falling support.
 
     `points`, `normals`: (n, 3) samples, evenly spread.
     """
@@ -106,7 +106,7 @@ def profile(axis: Axis, points: Array, normals: Array) -> Profile:
         height=height - height[0],
         radius=radius,
         angle=np.arctan2(across @ side, across @ start),
-        lean=np.where(away < 0.0, -lean, lean),  # in some meshes triangles are turned inside out
+        lean=np.where(away < 0.0, -lean, lean),  # some meshes have inverted triangles
         slope=np.arctan2(along, away) % np.pi,
         lateral=np.sqrt(np.clip(1.0 - along**2, 0.0, 1.0)),
     )
@@ -118,7 +118,7 @@ def support(p: Profile) -> Mask:
     held = np.zeros(len(p.height), dtype=np.bool_)
     sector = np.pi / SLOPE_SECTORS
     index = np.flatnonzero(upright)
-    for shift in (0.0, 0.5):  # so that no circle is missed because a cell's border cuts it
+    for shift in (0.0, 0.5):  # so that no cell border hides a circle
         number = _numbered(
             np.floor(p.height[index] / CIRCLE_CELL + shift),
             np.floor(p.radius[index] / CIRCLE_CELL + shift),
@@ -143,8 +143,8 @@ def _numbered(*columns: Array) -> Indices:
 def _round_circles(number: Indices, angle: Array, lean: Array) -> Mask:
     """Return the mask (c,) of the cells whose normals lean without a regular pattern.
 
-    The normals of an n-gon, or of an ellipse (n = 2), lean to and fro n times around the axis,
-    those of a circle beside the axis, as of a bent tube, once.
+    The normals of an n-gon, or of an ellipse (n = 2), lean to and fro n times around the axis; the
+    normals of a circle off the axis, as of a bent tube, lean once.
     """
     count = np.maximum(np.bincount(number), 1)
     spread = np.sqrt(np.bincount(number, weights=lean**2) / count)
@@ -155,7 +155,7 @@ def _round_circles(number: Indices, angle: Array, lean: Array) -> Mask:
         wave = wave * turn
         parts = (np.bincount(number, weights=part) for part in (wave.real, wave.imag))
         worst = np.maximum(worst, 2.0 * np.hypot(*parts) / count)
-    # The second term is the amplitude that scattered normals reach by chance.
+    # The second term is the amplitude of scattered normals by chance.
     return np.asarray(worst < MAX_HARMONIC + 2.0 * spread * np.sqrt(2.0 / count))
 
 
@@ -171,7 +171,7 @@ def _full_circles(number: Indices, angle: Array) -> Mask:
 
 
 def _filled(bins: Indices) -> Array:
-    """Return the share (c,) of bins in each row of `bins` (c, k) as full as the non-empty ones."""
+    """Return how full each row of `bins` (c, k) is (c,), relative to its median non-empty bin."""
     ranked = np.sort(bins, axis=1)
     empty = (bins == 0).sum(axis=1)
     middle = np.minimum(empty + (bins.shape[1] - empty) // 2, bins.shape[1] - 1)

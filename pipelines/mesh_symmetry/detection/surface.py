@@ -13,18 +13,18 @@ from pipelines.geometry.transforms import basis_from_direction, unit
 from pipelines.mesh_symmetry.detection.symmetry_candidates import fibonacci_directions
 from pipelines.mesh_symmetry.parts.open_boundary import OpenBoundary
 
-MAX_EXACT, PAIR_ROWS = 8000, 500  # points of which all pairs are measured, and rows at a time
+MAX_EXACT, PAIR_ROWS = 8000, 500  # points with all pairs measured, and rows at a time
 NUM_SUPPORTS = 2000  # directions 2.5 degrees apart
-MAX_PRODUCTS = 4_000_000  # numbers held at a time
+MAX_PRODUCTS = 4_000_000  # numbers in memory at a time
 NUM_SMOOTHED = 16  # samples over which a normal is averaged
 SAME_SIDE_COSINE = 0.3  # between normals; excludes the other faces of an edge and of a thin wall
-ROUGH_PASSES = 3  # of averaging, where noise has tilted the triangles
-ROUGH_AGREEMENT = 0.85  # several passes let neighbours share noise, a surface and its image not
-ROUGH_SLOPE = 0.03  # noise over the distance of the neighbours among which it is measured
+ROUGH_PASSES = 3  # passes of averaging if noise has tilted the triangles
+ROUGH_AGREEMENT = 0.85  # factor: by passes neighbours share noise, a surface and its image do not
+ROUGH_SLOPE = 0.03  # noise over the distance of the measured neighbours
 NUM_PROBES, NUM_NEIGHBOURS = 500, 40  # places where noise is measured, and samples around each
-NUM_NEAREST = 10  # neighbours from which the fit of a place starts
-TUKEY = 7.0  # of the median distance from the fit; farther neighbours are of another face
-FAR_NEIGHBOURS = 24  # neighbours from this one on do not share averaged normals
+NUM_NEAREST = 10  # neighbours for the first fit at a place
+TUKEY = 7.0  # of the median distance from the fit; farther neighbours are on another face
+FAR_NEIGHBOURS = 24  # farther neighbours do not share averaged normals
 AGREEING_COSINE = 0.85  # of two normals: 32 degrees
 
 
@@ -53,7 +53,7 @@ class Surface:
         data = np.arange(0, num_samples, max(1, num_samples // NUM_PROBES))
         found = tree.query(points[data], k=min(NUM_NEIGHBOURS, num_samples))
         distance, index = (np.asarray(part) for part in found)
-        # Noise tilts triangles so far that their own normals do not tell the sides of a thin wall.
+        # Noise tilts triangles so far that their normals do not separate the sides of a thin wall.
         rough = _smoothed(tree, normals, ROUGH_PASSES)
         noise, slope = _noise(points[index] - points[data][:, None], rough[index], distance)
         is_rough = slope > ROUGH_SLOPE
@@ -79,7 +79,7 @@ class Surface:
         """Return the surface with the normals of samples within `reach` of its rim turned outward.
 
         The samples move onto the rim, as if it had thickness: the normals of a flat sheet do not
-        determine where in its plane it ends.
+        determine the position of the sheet in its plane.
         """
         if self.rim.tree is None:
             return self
@@ -106,7 +106,7 @@ class Surface:
     def within(self, points: Array, reach: float) -> tuple[Array, Indices]:
         """Return distance and index (...) of the sample nearest to `points` (..., 3) in `reach`.
 
-        Without one the distance is inf and the index 0; such points cost next to nothing.
+        Without such a sample the distance is inf and the index 0, at almost no cost.
         """
         distance, index = self.tree.query(points, distance_upper_bound=reach)
         found = np.isfinite(distance)
@@ -137,7 +137,7 @@ class Surface:
 
 
 def _tree(points: Array) -> KDTree:
-    # For many short searches of a small cloud, tight boxes around nodes cost more than they save.
+    # For many short searches in a small cloud, tight boxes around nodes do not pay.
     return KDTree(points, leafsize=24, compact_nodes=False, balanced_tree=False)
 
 
@@ -163,7 +163,7 @@ def _noise(near: Array, normals: Array, distance: Array) -> tuple[float, float]:
     reach = np.maximum(distance[:, -1:], 1e-12)
     height, x, y = np.moveaxis(near @ frame, -1, 0) / reach
     terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
-    # The nearest samples are of the same face; the others join if they go on from there.
+    # The nearest samples are on the same face; others join if they continue the fit.
     weight = alike * (np.arange(near.shape[1]) < NUM_NEAREST)
     left = height
     for count in (3, 6, 6):  # terms: a plane first
@@ -190,10 +190,10 @@ def _agreement(neighbours: Array, normals: Array) -> float:
 
 
 def diameter(points: Array) -> float:
-    """Return the largest distance between two of `points` (n, 3), in any rotation the same.
+    """Return the largest distance between two of `points` (n, 3), independent of rotation.
 
-    Exact, except for thousands of points at the same distance from the middle, as of a finely
-    tessellated ball: there up to a thousandth too short.
+    The distance is exact, except for thousands of points at equal distance from the middle, as on a
+    finely tessellated ball, where it is up to a thousandth too short.
     """
     try:
         corners = points[ConvexHull(points, qhull_options="QJ").vertices]
@@ -211,7 +211,7 @@ def diameter(points: Array) -> float:
 
 
 def _far_apart(points: Array, start: Array) -> float:
-    """Return the distance of a far pair, by going to the farthest point repeatedly."""
+    """Return the distance of a far pair, found by repeated steps to the farthest point."""
     longest = 0.0
     while True:
         apart = np.linalg.norm(points - start, axis=1)
@@ -222,9 +222,9 @@ def _far_apart(points: Array, start: Array) -> float:
 
 
 def _outermost(points: Array) -> Array:
-    """Return those of `points` (n, 3) that are extreme along any of many directions.
+    """Return the `points` (n, 3) that are extreme along any of many directions.
 
-    A lone tip is extreme over a wide angle, so it is kept, unlike by taking every n-th point.
+    A lone tip is extreme over a wide angle and is kept; with every n-th point it could be lost.
     """
     directions = fibonacci_directions(NUM_SUPPORTS)
     found: list[Indices] = []

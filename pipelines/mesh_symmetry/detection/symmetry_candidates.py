@@ -1,6 +1,6 @@
 """Coarse search for candidate planes and axes of symmetry of a surface.
 
-Candidate directions are those of a Fibonacci half-sphere and the principal axes; a distance grid
+Candidate directions are a Fibonacci half-sphere and the principal axes. A distance grid
 gives the misfit of a reflection or turn, so thousands of candidates are cheap.
 Normalised coordinates: origin at the surface's centroid, unit diameter.
 """
@@ -17,7 +17,7 @@ from pipelines.geometry.transforms import rotation_about
 
 Grid = Singles
 
-GENERIC_ANGLES = tuple(np.radians([47.0, 90.0, 151.0]))  # no n-fold axis of small n fits them all
+GENERIC_ANGLES = tuple(np.radians([47.0, 90.0, 151.0]))  # no n-fold axis of small n fits all angles
 _MARGIN = 0.15  # of the diameter, around the surface
 
 
@@ -69,8 +69,8 @@ def plane_candidates(
 ) -> tuple[Array, Array]:
     """Return the normals (c, 3) and offsets (c,) of the best planes n.x = d, best first.
 
-    `points`: (n, 3) surface samples. Besides planes through the centroid, shifted ones are tried,
-    because a missing part of the object moves the centroid.
+    `points`: (n, 3) surface samples. Planes off the centroid are tried as well, because a missing
+    part of the object moves the centroid.
     """
     normals = _directions(points, config.plane_directions)
     offsets = np.asarray(config.plane_offsets)
@@ -120,10 +120,10 @@ def axis_candidates(
 def distinct_candidates(
     directions: Array, offsets: Array, limit: int, *, min_angle: float, min_offset: float
 ) -> Indices:
-    """Return the indices of at most `limit` candidates that differ from all better ones.
+    """Return the indices of at most `limit` candidates that differ from all better candidates.
 
-    Candidates come best first. Two are the same if their directions are within `min_angle` radians
-    and their offsets along the common direction within `min_offset`.
+    Candidates come best first. Two are the same if their directions differ by less than `min_angle`
+    radians and their offsets along the common direction by less than `min_offset`.
     """
     kept: list[int] = []
     alive = np.ones(len(directions), dtype=bool)

@@ -44,7 +44,7 @@ from pipelines.mesh_symmetry.symmetry_verification import SurfaceFit
 LEAST_FAMILY = 4  # planes that meet in an axis
 MEET_OFFSET = 0.015  # of the diameter, between an axis and a plane through it
 IN_PLANE = float(np.sin(np.radians(4.0)))  # of the angle between an axis and a plane through it
-LOSS_ROOM = 1.1  # times the loss before; by chance a better axis may miss more at the worst angle
+LOSS_ROOM = 1.1  # times the former loss; by chance a better axis may miss more at the worst angle
 PAIR_TOLERANCE = float(np.radians(2.0))
 
 
@@ -83,10 +83,10 @@ def analyse_body(
 ) -> list[Symmetry]:
     """Return the symmetries of a body of revolution about `guess`, mesh frame.
 
-    Either a sphere, or the axis and, if it is one of symmetry, the plane across it. The axis is
-    refined if it is continuous for the whole surface, and left as guessed if holes or noise hide
-    that. A whole object (`is_cut` False) has no holes by cutting: without a continuous axis it has
-    no symmetries.
+    The result is a sphere, or the axis and, if the body has it, the mirror plane across the axis.
+    The axis is refined if it is continuous for the whole surface, and stays `guess` if holes or
+    noise hide this. A whole object (`is_cut` False) has no holes from cutting: without a continuous
+    axis it has no symmetries.
     """
     pose = CanonicalPose.of(mesh)
     shape = UnitSurface.from_mesh(pose.mesh, config, rng)
@@ -116,7 +116,7 @@ def holding(
     config: AnnotateSymmetryConfig,
     rng: np.random.Generator,
 ) -> list[ReflectionSymmetry]:
-    """Return those of `planes` that hold on `mesh`, mesh frame, with their errors on `mesh`."""
+    """Return the `planes` that hold on `mesh`, mesh frame, with their errors on `mesh`."""
     if not planes:
         return []
     pose = CanonicalPose.of(mesh)
@@ -173,7 +173,7 @@ def _analyse(shape: UnitSurface, config: AnnotateSymmetryConfig) -> MeshSymmetri
 def _round_by_planes(
     shape: UnitSurface, planes: Sequence[Array], config: AnnotateSymmetryConfig
 ) -> list[tuple[Array, SurfaceFit]]:
-    """Return the continuous axis in which most `planes` (4,) meet, with its fit, if there is one.
+    """Return the continuous axis through which most `planes` (4,) pass, with its fit, if any.
 
     The normals of grooves and dents mislead a search for axes, and holes move the centroid.
     """
@@ -222,7 +222,7 @@ def _discrete_rotation(
         order = int(np.clip(np.round(np.pi / max(float(between), 1e-3)), 2, config.max_order))
         if abs(between - np.pi / order) < PAIR_TOLERANCE:
             guesses.append((order, _common_line(first, second)))
-    # Among a box's three half turns, the one about its longest side.
+    # Among a box's three half turns, prefer the turn about its longest side.
     spread = [float(np.ptp(shape.samples.points @ axis[:3]).round(2)) for _, axis in guesses]
     ranked = sorted(range(len(guesses)), key=lambda i: (-guesses[i][0], -spread[i]))
     guesses = [guesses[i] for i in ranked]

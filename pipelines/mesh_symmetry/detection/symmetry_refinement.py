@@ -1,7 +1,7 @@
 """Refinement of candidate planes and axes by robust point-to-plane Gauss-Newton.
 
-All candidates take their steps together. With Tukey's weight only the part of the surface near its
-image counts, so the axis of a body is found in spite of a handle.
+All candidates take their steps together. Tukey's weight limits the fit to the part of the surface
+near its image, so the axis of a body is found in spite of a handle.
 Normalised coordinates: origin at the surface's centroid, unit diameter.
 """
 
@@ -55,8 +55,8 @@ def refine_axes(
 ) -> tuple[Array, Array]:
     """Return refined directions (c, 3) and points (c, 3) of axes, turning by `angles` radians.
 
-    One step is taken for each Tukey scale of `scales`. For an n-fold axis pass the one angle
-    2 pi / n, for a continuous one several generic angles.
+    One step is taken for each Tukey scale of `scales`. For an n-fold axis pass the single angle
+    2 pi / n, for a continuous axis several generic angles.
     """
     for scale in scales:
         tangents = _tangents(axes)
@@ -115,7 +115,7 @@ def _turn_equations(
 
 def _compare(surface: Surface, image: Array, scale: float) -> tuple[Array, Array, Array]:
     """Return residual (c, n), surface normals (c, n, 3) and Tukey weights (c, n) of `image`."""
-    distance, index = surface.within(image, 2.0 * scale)  # beyond, the weight is zero
+    distance, index = surface.within(image, 2.0 * scale)  # farther away, the weight is zero
     met = surface.normals[index]
     residual = np.where(np.isfinite(distance), _dot(image - surface.points[index], met), 0.0)
     # Samples are sparse, so only the part of the gap along the normal is a residual.

@@ -1,8 +1,8 @@
 """Candidate axes of revolution from the normals of a surface.
 
 The normal line of every point of a surface of revolution meets the axis. For an axis with unit
-direction u through c this is n . (u x (p - c)) = 0, which is linear in u and m = c x u; so a few
-points give an axis without a search. As in RANSAC, small random sets propose axes, all points vote,
+direction u through c, n . (u x (p - c)) = 0, which is linear in u and m = c x u; so a few points
+give an axis without a search. As in RANSAC, small random sets propose axes, all points vote,
 and the best axes are fitted to the points that agree: the axis of a body is found in spite of a
 handle, and in spite of a missing piece that moves the centroid.
 Normalised coordinates: origin at the surface's centroid, unit diameter. Axes are rows

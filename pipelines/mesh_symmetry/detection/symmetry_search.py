@@ -51,9 +51,9 @@ KEPT_PLANES = 14
 FLAT_SHEET = 0.01  # of the diameter; largest thickness of a sheet with open rims
 WALL_REACH = 0.05  # of the diameter, the error of candidates; nearer samples represent the rim
 MIN_AREA = 1e-9  # of the squared diameter; a mesh of less area is points or a line
-MISS_CAP = 0.05  # of the diameter; larger misses count as this
+MISS_CAP = 0.05  # of the diameter; cap of misses
 MAX_MISS = 0.5 * MISS_CAP
-MORE_ROUNDS = 3  # of the refinement of an axis that has not come to rest
+MORE_ROUNDS = 3  # of refinement, for an axis that still moves
 AT_REST_ANGLE, AT_REST_OFFSET = float(np.radians(0.1)), 0.001
 SAME_ANGLE, SAME_OFFSET = float(np.radians(3.0)), 0.015  # radians, share of the diameter
 
@@ -87,7 +87,7 @@ class UnitSurface:
         if is_sheet:  # only the rim determines its position in its plane
             surface = surface.with_walls(WALL_REACH)
         draw = rng.choice(len(raw.points), config.num_verification_samples, replace=False)
-        # A card turned in its plane lands beyond its rim, which distinguishes it from a disc. A
+        # A card turned in its plane moves beyond its rim, which distinguishes cards from discs. A
         # sheet is complete at its rim; the surface of any other object may continue there unseen.
         make = Samples.with_links if len(surface.rim.points) and not is_sheet else Samples
         samples, few = (
@@ -136,7 +136,7 @@ def refined_planes(shape: UnitSurface, planes: Array, scales: Sequence[float], c
 def staged_fit(
     shape: UnitSurface, config: AnnotateSymmetryConfig, measure: Callable[[Samples], SurfaceFit]
 ) -> SurfaceFit:
-    """Return the fit that `measure` finds on all samples, or on few if it is hopeless."""
+    """Return the fit of `measure` on all samples, or on few samples if the fit is hopeless."""
     fit = measure(shape.few)
     return fit if fit.is_hopeless(config) else measure(shape.samples)
 
@@ -181,8 +181,8 @@ def search_axes(
 ) -> tuple[Array, list[tuple[SurfaceFit, bool]]]:
     """Return distinct axes (c, 6), and the (worst fit, is continuous) of each.
 
-    The start of a refinement and the principal axes stay candidates: on thin or rough surfaces a
-    refinement may lead away.
+    The start of a refinement and the principal axes remain candidates: on thin or rough surfaces, a
+    refinement may diverge.
     """
     starts = revolution_candidates(
         shape.samples.points,
@@ -211,9 +211,9 @@ def refined_axes(
 
 
 def settled_axes(shape: UnitSurface, axes: Array, config: AnnotateSymmetryConfig) -> Array:
-    """Return `axes` (c, 6) refined until they rest, those that are not hopeless.
+    """Return the `axes` (c, 6) that are not hopeless, refined until they no longer move.
 
-    Grooves, dents and holes slow a refinement down: each round halves what is left.
+    Grooves, dents and holes slow a refinement down: each round halves the remaining error.
     """
     settled = refined_axes(shape, axes, REFINEMENT_ANGLES, FINE_SCALES, FINE_SAMPLES)
     going = np.arange(len(settled))

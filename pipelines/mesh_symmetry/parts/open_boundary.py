@@ -1,8 +1,8 @@
-"""Rims of open surfaces: where a scan ends or a hole begins.
+"""Rims of open surfaces, where a scan ends or a hole begins.
 
-The surface beyond a rim is unknown, so images that land there do not count against a symmetry. Not
+The surface beyond a rim is unknown, so images beyond a rim do not count against a symmetry. Not
 every edge of a single triangle is a rim: unwelded vertices, T-junctions and doubled faces make such
-edges on closed surfaces. These are seams: the edge of another sheet runs along them.
+edges on closed surfaces. These are seams: the edge of another sheet runs along each.
 """
 
 from dataclasses import dataclass
@@ -18,22 +18,22 @@ from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import unit
 
 WELD = 1e-5  # of the bounding box's diagonal; nearer corners are the same
-SPACING = 0.004  # of the diagonal, between the points that represent a rim
+SPACING = 0.004  # of the diagonal, between points of a rim
 SEAM = 0.003  # of the diagonal; nearer edges of two sheets are a seam
 OPPOSITE_COSINE = 0.5  # two sheets of a seam continue in directions farther apart than this
-# The edges of a seam are parallel; those of a jagged rim, however small, go to and fro.
+# The edges of a seam are parallel; the edges of a jagged rim, however small, zigzag.
 ALONGSIDE_COSINE = 0.8
 MIN_SEAM_SHARE = 0.5  # of an edge's points
 MAX_RIM_POINTS = 60000
 NUM_LINKS = 8  # neighbours of a sample
-MIN_RIM_SHARE = 0.5  # least share of rim on the border of a patch that landed in a hole
-MIN_ENCLOSED = 0.8  # the same of a patch inside others, whose samples count as rim
+MIN_RIM_SHARE = 0.5  # least share of rim on the border of a patch in a hole
+MIN_ENCLOSED = 0.8  # same share for a patch inside others, whose samples count as rim
 NUM_NEAREST = 6
 
 
 @dataclass(frozen=True)
 class OpenBoundary:
-    """Points (k, 3) along the rims of a surface, and unit directions (k, 3) outward from it.
+    """Points (k, 3) along the rims of a surface, and unit directions (k, 3) out of the surface.
 
     The directions lie in the surface, across the rim. Unit and frame of the mesh.
     """
@@ -43,12 +43,12 @@ class OpenBoundary:
 
     @cached_property
     def tree(self) -> KDTree | None:
-        """The tree of the points; None without any."""
+        """The tree of the points; None without points."""
         return KDTree(self.points) if len(self.points) else None
 
     @classmethod
     def of(cls, mesh: Mesh) -> "OpenBoundary":
-        """Find the rims of `mesh`; none on a closed surface, however it is tessellated."""
+        """Find the rims of `mesh`; a closed surface has none, in any tessellation."""
         size = mesh.diagonal
         corners, opposite = _single_edges(mesh, WELD * size)
         points, outward, owner = _sampled(corners, opposite, SPACING * size)
@@ -79,14 +79,14 @@ def linked(points: Array) -> Indices:
 
 
 def cut_off(missed: Mask, at_rim: Mask, rim_is_nearest: Mask, links: Indices) -> Mask:
-    """Return the mask (n,) of samples whose image lies beyond a rim of the surface.
+    """Return the mask (n,) of samples whose image is beyond a rim of the surface.
 
     `missed`: (n,) samples whose image is off the surface, `at_rim`: (n,) samples whose image is
     near a rim, `rim_is_nearest`: (n,) samples whose image has no part of the surface much nearer
     than the rim, `links`: (e, 2) pairs of neighbouring samples. Linked samples of `missed` form
-    patches, those with and without a nearest rim apart: a hole may lie beside a dent. A patch with
-    a rim along its border has landed in a hole, and so has a patch inside such a patch; without one
-    the surface continues there in another shape, such as a handle.
+    patches, separately with and without a nearest rim, as a hole may be next to a dent. A patch
+    with a rim along its border is in a hole, and so is a patch inside such a patch; without a rim,
+    the surface continues in another shape, such as a handle.
     """
     alike = rim_is_nearest[links[:, 0]] == rim_is_nearest[links[:, 1]]
     inside = links[missed[links].all(axis=1) & alike]
@@ -128,7 +128,7 @@ def _single_edges(mesh: Mesh, tolerance: float) -> tuple[Array, Array]:
 def _unique_rows(rows: Indices) -> Indices:
     """Return a number for each row of integers (n, k), equal for equal rows."""
     key = rows[:, 0]
-    for column in rows.T[1:]:  # column by column, so that the products stay within 64 bits
+    for column in rows.T[1:]:  # column by column, so that products fit into 64 bits
         key = np.unique(key, return_inverse=True)[1] * (int(column.max(initial=0)) + 1) + column
     return np.asarray(np.unique(key, return_inverse=True)[1], dtype=np.int64)
 

@@ -41,7 +41,7 @@ class PartSymmetries:
     def body(self, body: Body) -> list[Symmetry]:
         """Return the symmetries of a body of revolution: at least its axis, or a sphere.
 
-        Empty for a whole object without a continuous axis, as an oval column that looks round.
+        The list is empty for a whole object without a continuous axis, as an almost round column.
         """
         axis = RotationSymmetry(body.axis.direction, body.axis.point)
         mesh = self.parts.submesh(body.members)
@@ -61,7 +61,7 @@ class PartSymmetries:
     def still_held(self, symmetries: list[Symmetry], members: Mask) -> list[Symmetry] | None:
         """Return `symmetries` with the errors of their planes on the samples `members` (m,).
 
-        None if a plane does not hold on them.
+        None if a plane does not hold on these samples.
         """
         planes = [symmetry for symmetry in symmetries if isinstance(symmetry, ReflectionSymmetry)]
         others = [each for each in symmetries if not isinstance(each, ReflectionSymmetry)]
@@ -71,8 +71,8 @@ class PartSymmetries:
     def largest_mirrored(self, members: Mask) -> Mask | None:
         """Return the largest connected part of `members` that a plane of the object explains.
 
-        None if it is less than `min_region_support` of `members`: the cut would then be at an
-        invisible border, where the plane ceases to hold.
+        None if the part is less than `min_region_support` of `members`: the cut would be at an
+        invisible border, where the plane stops holding.
         """
         for plane in self._planes():
             held = members.copy()
@@ -107,7 +107,7 @@ class PartSymmetries:
         return [*planes, *shared]
 
     def _held(self, planes: list[ReflectionSymmetry], mesh: Mesh) -> list[ReflectionSymmetry]:
-        # A generator of its own, so that samples of other parts do not depend on this call.
+        # A separate generator, so that samples of other parts do not depend on this call.
         return holding(planes, mesh, self._coarser, self.rng.spawn(1)[0])
 
     def _supported(self, plane: ReflectionSymmetry, members: Mask) -> Mask:

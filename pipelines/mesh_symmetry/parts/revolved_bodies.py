@@ -1,8 +1,8 @@
 """Bodies of revolution among the parts of a surface: a mug's wall, a pan, a hammer's handle.
 
 Patches propose an axis (`revolution.py`); the body is the connected set of samples on full, round
-circles about it. Flat samples fit every axis across them, so they belong to a body only if it
-bounds them, as a mug bounds its bottom; the flats of a nut stay out. A body must end at an edge:
+circles about it. Flat samples fit every axis across them, so they belong to a body only if the body
+bounds them, as a mug bounds its bottom; the flats of a nut do not. A body must end at an edge:
 the middle of a banana is round, but has no visible end.
 """
 
@@ -24,18 +24,18 @@ from pipelines.mesh_symmetry.parts.sampled_parts import SampledParts
 MAX_BODIES = 4
 FLAT_SINE = float(np.sin(np.radians(15.0)))  # between normal and axis
 SAME_FLAT = 0.9  # cosine; the two sides of a plate are two flats
-MIN_BOUNDED = 2.0 / 3.0  # least share of the links around a flat that lead to its body
+MIN_BOUNDED = 2.0 / 3.0  # least share of links around a flat to its body
 MAX_SMOOTH_BORDER = 0.8  # largest share of a body's border without an edge
 MAX_STRAYS = 0.02  # of a body: samples inside it that were missed by chance
-MIN_LATERAL = 0.15  # least share of a body that is not flat; below it is a disc drawn on a plate
+MIN_LATERAL = 0.15  # least share of a body that is not flat; below, the body is a disc on a plate
 
 
 @dataclass(frozen=True)
 class Body:
     """A body of revolution: axis, frame and unit of the mesh, and its samples `members` (m,).
 
-    `lateral` is its share of the surface, 0 to 1, with samples weighted by the sine between normal
-    and axis: the part on which fingers close across the axis.
+    `lateral` is the body's share of the surface, 0 to 1, with samples weighted by the sine between
+    normal and axis: the part on which fingers close across the axis.
     """
 
     axis: Axis
@@ -46,7 +46,7 @@ class Body:
 def revolved_bodies(parts: SampledParts, among: Mask, min_lateral: float) -> list[Body]:
     """Return the bodies of revolution of at least `min_lateral`, the largest first.
 
-    They are searched `among` (m,) the samples, each among those that earlier bodies left over.
+    Bodies are searched `among` (m,) the samples, each in the rest that earlier bodies left.
     """
     center = parts.surface.points.mean(axis=0)
     size = diameter(parts.surface.points)
@@ -103,7 +103,7 @@ def _grown(
 def _with_strays(parts: SampledParts, members: Mask) -> Mask:
     """Return `members` (n,) with the few samples inside them that were missed by chance.
 
-    Without them a body that is a whole object would border on them alone, without an edge.
+    Otherwise a body that is a whole object would border on these samples only, without an edge.
     """
     filled = members.copy()
     for stray in parts.clusters(~members):
@@ -115,7 +115,7 @@ def _with_strays(parts: SampledParts, members: Mask) -> Mask:
 
 
 def _without_loose_flats(parts: SampledParts, held: Mask, lateral: Array) -> Mask:
-    """Return `held` without the flats that other parts bound."""
+    """Return `held` without flats that other parts bound."""
     flat = held & (lateral < FLAT_SINE)
     kept = held.copy()
     for members in parts.clusters(flat, SAME_FLAT):

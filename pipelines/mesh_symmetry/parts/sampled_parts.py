@@ -85,7 +85,7 @@ class SampledParts:
     def owner_of_faces(self, owner: Indices) -> Indices:
         """Return the part (f,) of each triangle, given the part `owner` (m,) of each sample.
 
-        The part with most of its samples; a triangle without samples takes that of the nearest one.
+        A triangle has the part of most of its samples; without samples, the nearest sample's part.
         """
         parts = int(owner.max(initial=NO_PART)) + 2
         votes = np.zeros((len(self.mesh.faces), parts), dtype=np.int64)

@@ -1,4 +1,4 @@
-"""Segmentation of an object into regions with symmetries of their own (Sec. III-D; D. 36).
+"""Segmentation of an object into symmetric regions (Sec. III-D; D. 36).
 
 A sphere or a body of revolution stays whole. Other objects are searched for bodies of revolution: a
 body with enough lateral surface, such as a mug's wall, becomes a region, and so does every
@@ -27,8 +27,8 @@ from pipelines.mesh_symmetry.parts.sampled_parts import NO_PART, SampledParts
 WHOLE_REGION = "whole"
 NUM_SAMPLES = 8000
 MAX_MEAN_NORMAL = 0.6  # length: 0 for a closed surface, 0.5 for a bowl, 1 for an ungraspable sheet
-SMALL_OBJECT = 0.5  # of its object's diameter; a part as large as this is graspable in any size
-MAX_LOOSE_SHARE = 0.2  # largest share beside bodies that is ungraspable: a mug, but not a peach
+SMALL_OBJECT = 0.5  # of its object's diameter; a larger part counts as graspable
+MAX_LOOSE_SHARE = 0.2  # largest ungraspable share outside of bodies: a mug, but not a peach
 MIN_DETAIL = 0.1  # least share of a symmetric part that is cut out of an object without symmetry
 MIN_CUT_SHARE = 0.2  # smaller parts are not cut into convex pieces
 
@@ -74,15 +74,15 @@ def symmetric_regions(
 
 
 def has_slot(symmetries: Sequence[Symmetry]) -> bool:
-    """Return whether the network predicts any of `symmetries`: not the discrete rotations."""
+    """Return whether `symmetries` has a kind that the network predicts: no discrete rotation."""
     return any(getattr(symmetry, "order", None) is None for symmetry in symmetries)
 
 
 def _mirrored_pieces(search: PartSymmetries) -> list[_Piece]:
-    """Return bodies of revolution and the parts beside them; none if the object stays whole."""
+    """Return bodies of revolution and the other parts; none if the object stays whole."""
     everything = np.ones(NUM_SAMPLES, dtype=np.bool_)
     pieces = _bodies(search, everything, search.config.min_body_share)
-    # A body equal to the whole object would contradict its detection, as for many-sided columns.
+    # A body equal to the whole object would contradict the detection, as for many-sided columns.
     if not pieces or pieces[0].members.all():
         return []
     loose: list[Mask] = []
@@ -97,7 +97,7 @@ def _mirrored_pieces(search: PartSymmetries) -> list[_Piece]:
 
 
 def _asymmetric_pieces(search: PartSymmetries) -> list[_Piece]:
-    """Return the symmetric parts of an object without symmetry, and the rest of it."""
+    """Return the symmetric parts of an object without symmetry, and the remaining part."""
     everything = np.ones(NUM_SAMPLES, dtype=np.bool_)
     pieces = _bodies(search, everything, search.config.min_body_share)
     mirrored = search.largest_mirrored(_left(pieces, everything))
@@ -125,7 +125,7 @@ def _bodies(search: PartSymmetries, among: Mask, min_lateral: float) -> list[_Pi
 
 
 def _cut_further(search: PartSymmetries, members: Mask) -> list[_Piece]:
-    """Return the symmetric pieces of `members`: all of it, bodies in it, or nearly convex parts."""
+    """Return the symmetric pieces of `members`: the whole, its bodies, or nearly convex parts."""
     if not _is_graspable(search, members):
         return []
     found = search.part(members)
@@ -139,7 +139,7 @@ def _cut_further(search: PartSymmetries, members: Mask) -> list[_Piece]:
 
 
 def _convex_pieces(search: PartSymmetries, members: Mask) -> list[_Piece]:
-    """Return the symmetric ones of the nearly convex parts of `members`."""
+    """Return the symmetric parts among the nearly convex parts of `members`."""
     pieces = []
     owner = np.full(NUM_SAMPLES, NO_PART, dtype=np.int64)
     mesh = search.parts.submesh(members)
@@ -147,7 +147,7 @@ def _convex_pieces(search: PartSymmetries, members: Mask) -> list[_Piece]:
     for index in np.unique(owner[members]):
         piece = search.parts.clusters(owner == index)[0]
         seen = search.parts.smooth_border(piece) <= MAX_SMOOTH_BORDER
-        # A region consists of triangles: if these are large, a piece may get hardly any.
+        # A region consists of triangles; if they are large, a piece may get very few.
         stands_for = search.parts.on_triangles(piece)
         if not seen or not all(_is_graspable(search, part) for part in (piece, stands_for)):
             continue
@@ -180,7 +180,7 @@ def _outside(corners: Array, points: Array) -> Array:
 
 
 def _is_graspable(search: PartSymmetries, members: Mask) -> bool:
-    """Return whether a part is large enough, and not a sheet across which fingers cannot close."""
+    """Return whether a part is large enough, and no sheet that fingers cannot close across."""
     surface, config = search.parts.surface, search.config
     if members.mean() < config.min_part_share or members.sum() < 5:
         return False
@@ -195,7 +195,7 @@ def _left(pieces: list[_Piece], members: Mask) -> Mask:
 
 
 def _joined(search: PartSymmetries, pieces: list[_Piece], loose: list[Mask]) -> list[_Piece]:
-    """Return `pieces`, each of `loose` joined to the one it touches most if its planes hold."""
+    """Return `pieces`, with each of `loose` joined to the piece of most contact if planes hold."""
     scraps: list[list[Mask]] = [[] for _ in pieces]
     for scrap in loose:
         links = [search.parts.touching(scrap, piece.members) for piece in pieces]
@@ -205,7 +205,7 @@ def _joined(search: PartSymmetries, pieces: list[_Piece], loose: list[Mask]) -> 
 
 
 def _with_scraps(search: PartSymmetries, piece: _Piece, scraps: list[Mask]) -> _Piece:
-    """Return `piece` with `scraps`, the small ones first, as long as its planes hold."""
+    """Return `piece` with `scraps`, smallest first, as long as the planes of `piece` hold."""
     left = sorted(scraps, key=np.count_nonzero)
     while left:
         members = np.any([piece.members, *left], axis=0)

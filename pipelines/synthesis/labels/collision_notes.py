@@ -1,4 +1,4 @@
-"""Collision labels of scenes that new grasp labels of objects make stale."""
+"""Notes on collision labels of scenes that new grasp labels make stale."""
 
 from collections.abc import Iterable
 
@@ -9,7 +9,7 @@ from pipelines.errors import SymgraspError
 def collision_note(root: GraspNetRoot, relabelled: Iterable[int]) -> str:
     """Return a note on scenes of `root` whose collision labels belong to earlier grasp labels.
 
-    `relabelled`: ids of objects with new labels. Empty if no scene with collision labels has them.
+    `relabelled`: ids of objects with new labels. The note is empty if no scene is affected.
     """
     if not (root.root / "scenes").is_dir():
         return ""
@@ -18,8 +18,8 @@ def collision_note(root: GraspNetRoot, relabelled: Iterable[int]) -> str:
     if not stale:
         return ""
     return (
-        f"collision_label and rect of {len(stale)} scenes (scene_{stale[0]:04d} the first) are of "
-        "the earlier grasp labels and do not fit the new ones; take them away"
+        f"collision_label and rect of {len(stale)} scenes (first scene_{stale[0]:04d}) belong to "
+        "the earlier grasp labels and do not fit the new labels; delete them"
     )
 
 

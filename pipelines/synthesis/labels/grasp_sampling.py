@@ -2,9 +2,9 @@
 
 Points are drawn from the surface. Candidates of a point are 300 views, 12 angles about the approach
 and 4 depths of the finger tips. The fingers close on the line through their tips; a candidate holds
-if both fingers touch the object from outside, on their own side of the line's middle, and the
-closed form of force closure gives a friction of at most 1. Its opening is the smallest with which
-it holds without collision (D. 38).
+if both fingers touch the object from outside, each on its side of the line's middle, and the
+closed form of force closure gives a friction of at most 1. Its opening is the smallest that holds
+without collision (D. 38).
 """
 
 from collections.abc import Iterator, Sequence
@@ -27,7 +27,7 @@ from pipelines.synthesis.labels.graspnet_gripper import hits_plane, hits_surface
 from pipelines.synthesis.labels.openings import openings
 
 INFEASIBLE = -1.0  # GraspNet's value for a candidate that holds at no friction
-NUM_BOUNDS = 60  # planes around the mesh; beyond them the middle of a line has no contacts
+NUM_BOUNDS = 60  # planes around the mesh; a line with its middle beyond a plane has no contacts
 
 
 @dataclass(frozen=True)
@@ -62,15 +62,15 @@ def sample_grasp_label(mesh: Mesh, config: LabelConfig, rng: np.random.Generator
 def label_points(target: LabelTarget, points: Singles, config: LabelConfig) -> GraspLabel:
     """Return the grasp label of `points` (p, 3) on the surface of `target`, object frame, metres.
 
-    `collision` is that of the gripper with the object itself; infeasible candidates are not tested
-    and count as in collision. A width is the opening: it clears the farther contact by half of
-    `config.width_margin` on each side, and is 0 if no opening has two contacts.
+    `collision` is between the gripper and the object itself; infeasible candidates are not tested
+    and count as in collision. A width is the opening, which clears the farther contact by half of
+    `config.width_margin` on each side; it is 0 if no opening has two contacts.
     """
     _check_grid(config)
     shape = (len(points), *LABEL_GRID)
     friction, width = np.full(shape, INFEASIBLE, np.float32), np.zeros(shape, np.float32)
     collision = np.ones(shape, np.bool_)
-    # Friction and collision belong to the rounded points, as written to the file.
+    # Friction and collision are computed for the rounded points, as in the file.
     for i, point in enumerate(points.astype(np.float64)):
         friction[i], width[i], collision[i] = _label_point(target, point, config)
     return GraspLabel(points, label_offsets(width), collision, friction)
@@ -96,7 +96,7 @@ def _label_point(
         width[tuple(index)] = np.where(np.isfinite(smallest), 2.0 * smallest, 0.0)
         holding = found.limited(max(config.friction_grid))
         for column in range(holding.half.shape[1]):
-            # The smallest opening, unless it collides with the object and a wider one does not.
+            # Take the smallest opening, unless it collides with the object and a wider does not.
             open_ = np.isfinite(holding.half[:, column]) & collision[tuple(index)]
             if not open_.any():
                 break
@@ -114,10 +114,10 @@ def _label_point(
 def _lines(
     target: LabelTarget, point: Array, config: LabelConfig
 ) -> Iterator[tuple[Indices, Crossings, Crossings]]:
-    """Yield the lines of a point's candidates that leave the object on both sides of their middle.
+    """Yield the lines of a point's candidates that exit the object on both sides of their middle.
 
-    Yields candidates (3, n), and the crossings of their lines towards -closing and +closing; first
-    lines with one surface on each side, then the others.
+    Yields candidates (3, n), and the crossings of their lines toward -closing and +closing; first
+    for lines with one surface on each side, then for the other lines.
     """
     rotation = view_rotations().astype(np.float64)
     tips = point + GRASP_DEPTHS[:, None] * rotation[:, 0, None, :, 0]  # (300, 4, 3)
@@ -143,7 +143,7 @@ def scene_collisions(
     poses_world: Sequence[ArrayLike],  # (4, 4) each, object to world; z of the world points up
     *,
     table_height: float = 0.0,  # z of the table's top in the world, metres
-    surroundings: Sequence[Mesh] = (),  # obstacles that are no objects, world frame
+    surroundings: Sequence[Mesh] = (),  # obstacles except objects, world frame
 ) -> list[Mask]:
     """Return a scene's collision labels, (P_i, 300, 12, 4) for each object.
 

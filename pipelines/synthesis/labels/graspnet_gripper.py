@@ -1,6 +1,6 @@
 """Collision of GraspNet's gripper with surfaces and a table, for grasp labels.
 
-The gripper is that of GraspNet-1Billion's evaluation: two fingers and a slab behind them, in the
+The gripper is as in GraspNet-1Billion's evaluation: two fingers and a slab behind them, in the
 grasp frame about GraspNet's origin. Thousands of candidates share an origin, dozens an approach, so
 surface points are rotated once per view and then about the approach for the angles.
 """
@@ -22,14 +22,14 @@ SCOUT_STRIDE = 3  # every third patch is tried before the others
 
 
 def hits_surface(surface: SurfacePatches, origin: Array, candidates: Mask, width: Floats) -> Mask:
-    """Return the mask (300, 12, 4) of one grasp point's candidates whose gripper meets a surface.
+    """Return the mask (300, 12, 4) of a grasp point's candidates whose gripper meets a surface.
 
-    Exact: if no patch centre is in a box, the triangles of nearby patches are tried.
+    The test is exact: if no patch centre is in a box, the triangles of nearby patches are tested.
 
     Args:
         surface: object frame, metres.
         origin: (3,) metres, the grasp point, object frame.
-        candidates: (300, 12, 4) views, angles and depths to test; the others give False.
+        candidates: (300, 12, 4) views, angles and depths to test; False elsewhere.
         width: (300, 12, 4) metres, openings.
     """
     hit = np.zeros(LABEL_GRID, np.bool_)
@@ -60,7 +60,7 @@ def hits_surface(surface: SurfacePatches, origin: Array, candidates: Mask, width
 def _patches_meet(
     surface: SurfacePatches, origin: Array, index: Indices, patch: Indices, width: Floats
 ) -> Mask:
-    """Return the mask (m,) of candidates `index` (3, m) whose gripper meets `patch` (m,)."""
+    """Return the mask (m,) of candidates `index` (3, m) with a gripper that meets `patch` (m,)."""
     frames = view_rotations().astype(np.float64)[index[0], index[1]]
     half, tips = 0.5 * np.asarray(width, np.float64)[tuple(index)], GRASP_DEPTHS[index[2]]
     centers = np.einsum("mi,mij->mj", surface.centers[patch] - origin, frames)
@@ -153,12 +153,12 @@ def _inside(along: Singles, side: Singles, half: Singles, grow: float) -> Mask:
 
 
 def hits_plane(width: Floats, normal: Array, height: Array) -> Mask:
-    """Return the mask (p, 300, 12, 4) of candidates whose gripper reaches below a plane.
+    """Return the mask (p, 300, 12, 4) of candidates with a gripper that reaches below a plane.
 
     `width`: (p, 300, 12, 4) openings, metres; `normal`: (3,) unit, up, object frame; `height`: (p,)
-    of the grasp points above the plane, metres.
+    heights of the grasp points above the plane, metres.
     """
-    # Slab and fingers are equally high: their lowest corner is that of the box around them.
+    # Slab and fingers are equally high, so their lowest corner is the corner of their common box.
     up = np.einsum("i,vaij->jva", normal, view_rotations())[..., None]  # (3, 300, 12, 1)
     outer = 0.5 * width + FINGER_THICKNESS
     lowest = np.minimum(SLAB_BACK * up[0], GRASP_DEPTHS * up[0]) - HALF_HEIGHT * np.abs(up[2])

@@ -1,8 +1,8 @@
 """Openings at which the fingers of a gripper, closing on one line, hold the object (D. 38).
 
 Each finger starts half the opening from the middle of the line, a clearance outside of its contact
-(less only at the widest opening), and closes on the first surface it meets. So each surface that
-the line leaves outward is the farther contact of at most one opening.
+(less only at the widest opening), and closes on the first surface that it meets. So each surface
+where the line exits the object is the farther contact of at most one opening.
 """
 
 from dataclasses import dataclass
@@ -49,8 +49,8 @@ def openings(below: Crossings, above: Crossings, clearance: float, max_half: flo
 def _contacts(side: Crossings, half: Array) -> tuple[Array, Array]:
     """Return distance and cosine (n, j) of the surface that a finger at `half` (n, j) meets.
 
-    The last surface before the finger; a negative cosine means that the finger is inside the
-    object, nan that there is no surface.
+    This is the last surface before the finger; a negative cosine means that the finger is inside
+    the object, nan that there is no surface.
     """
     last = (side.distance[:, None, :] <= half[:, :, None]).sum(axis=2) - 1
     at = np.maximum(last, 0)

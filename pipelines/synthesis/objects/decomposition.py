@@ -23,24 +23,24 @@ def hull_of_points(points: Array) -> Mesh:
     """Return the convex hull of `points` (n, 3).
 
     Raises:
-        SymgraspError: the points lie in a plane, as those of a single triangle.
+        SymgraspError: the points are in a plane, as the corners of a single triangle.
     """
     try:
-        # For flat points trimesh divides by a volume of 0 to find a centre, which is not used here.
+        # For flat points trimesh divides by a volume of 0 to compute a centre, not used here.
         with np.errstate(divide="ignore", invalid="ignore"):
             hull = trimesh.convex.convex_hull(points)
     except QhullError as error:
         raise SymgraspError(
-            f"the {len(points)} corners of a mesh span no volume; physics takes a solid, so give a "
+            f"the {len(points)} corners of a mesh span no volume; physics needs a solid, so give a "
             "mesh of a closed surface"
         ) from error
     return Mesh(np.asarray(hull.vertices), np.asarray(hull.faces))
 
 
 def without_small_holes(mesh: Mesh) -> Mesh:
-    """Return `mesh` without triangles that have no area, and with holes of 3 or 4 edges filled.
+    """Return `mesh` without triangles of area 0, and with holes of 3 or 4 edges filled.
 
-    coacd takes a solid that lacks one triangle for a shell, and cuts it for a minute.
+    coacd treats a solid that lacks one triangle as a shell, and cuts it for a minute.
     """
     if mesh.is_watertight:
         return mesh
@@ -65,7 +65,7 @@ def physics_pieces(
     max_pieces: int = MAX_PIECES,
     seed: int = 0,
 ) -> tuple[Mesh, ...]:
-    """Return convex meshes that together fill `mesh`: only its hull if that is close enough.
+    """Return convex meshes that together fill `mesh`: only its hull if the hull is close enough.
 
     `concavity`: largest concavity of a piece, by coacd's measure.
     """

@@ -1,4 +1,4 @@
-"""A user's meshes, from which scenes are made instead of procedural objects, and their scale."""
+"""A user's meshes, for scenes without procedural objects, and their scale."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +23,7 @@ class OwnModel:
 
     name: str
     path: Path
-    scale: float | None  # metres per unit; None is 1 and refuses implausibly large meshes
+    scale: float | None  # metres per unit; None means 1 and refuses implausibly large meshes
 
     def as_object(self, seed: int) -> SyntheticObject:
         """Return the object for scenes, cut into convex pieces with `seed`.
@@ -44,14 +44,14 @@ class OwnModel:
 
 
 def refuse_own_output(source: Path, output: Path) -> None:
-    """Raise ValueRangeError if the meshes of `source` lie in the dataset `output` to be written.
+    """Raise ValueRangeError if the meshes of `source` are in the dataset `output` to be written.
 
-    The models of that dataset would be renumbered, and their labels be replaced.
+    The models of this dataset would be renumbered, and their labels replaced.
     """
     here, there = real_path(source), real_path(output)
     if here == there or here.is_relative_to(there / "models"):
         expected = (
-            "outside of OUT, whose models and labels would be numbered and made anew; "
+            "outside of OUT, where models would be renumbered and labels replaced; "
             "name another folder as OUT"
         )
         raise ValueRangeError("--models", source, expected)

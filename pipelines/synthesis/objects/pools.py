@@ -1,7 +1,7 @@
 """Pools of procedural objects: seen, similar (new instances of seen families), novel (families).
 
 `wide` and `wide_similar` have more families than `seen` and `similar`; `sealed` has families that
-nothing else has.
+no other pool has.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from pipelines.synthesis.objects.families.catalogue import (
     make_shape,
 )
 
-# In this order: an object's draws depend on the number of its pool.
+# The order matters: an object's draws depend on the number of its pool.
 FAMILIES_OF_POOL = {
     "seen": tuple(SEEN),
     "similar": tuple(SEEN),
@@ -36,7 +36,7 @@ POOLS_OF_FAMILIES = {
     "wide": ("wide", "wide_similar", "novel"),
     "sealed": ("wide", "wide_similar", "sealed"),
 }
-# Objects of these are never trained on.
+# Pools of objects that are never trained on.
 UNSEEN_POOLS = ("similar", "novel", "wide_similar", "sealed")
 
 
@@ -54,10 +54,10 @@ class SyntheticObject:
 def make_object(pool: str, index: int, seed: int) -> SyntheticObject:
     """Return object `index` of `pool`; the same for the same seed, none in two pools.
 
-    Families alternate, so that many first objects have as many families.
+    Families alternate, so that the first objects have different families.
 
     Raises:
-        UnknownNameError: there is no such pool.
+        UnknownNameError: the pool is unknown.
     """
     if pool not in FAMILIES_OF_POOL:
         raise UnknownNameError("pool", pool, FAMILIES_OF_POOL)

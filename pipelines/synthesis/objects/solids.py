@@ -1,6 +1,6 @@
 """Closed solids as building blocks of objects: hulls, prisms, bent tubes, lumps, unions.
 
-Unions and differences of a `Solid` are watertight again; its convex pieces serve physics. Metres;
+Unions and differences of a `Solid` are watertight; its convex pieces are for physics. Metres;
 solids of revolution and prisms are along the z axis.
 """
 
@@ -37,7 +37,7 @@ class Solid:
         return Solid(self.body - other.body, self.pieces)
 
     def moved(self, rotation: ArrayLike = IDENTITY, translation: ArrayLike = (0, 0, 0)) -> "Solid":
-        """Return the solid turned by `rotation` (3, 3), which may mirror, then moved, metres."""
+        """Return the solid turned (or mirrored) by `rotation` (3, 3), then moved, metres."""
         T = make_pose(rotation, translation)
         body = self.body.transform(np.ascontiguousarray(T[:3]))
         return Solid(body, tuple(transform_points(T, piece) for piece in self.pieces))
@@ -205,7 +205,7 @@ def ring_faces(count: int, sides: int, closed: bool) -> Indices:
 def tube_faces(count: int, sides: int) -> Indices:
     """Return triangles of `count` rings of `sides` vertices each, closed by a fan at both ends.
 
-    The middles of the first and the last fan are the two vertices behind those of the rings.
+    The middles of the first and the last fan are the two vertices after the rings' vertices.
     """
     turn = np.arange(sides)
     following, last = (turn + 1) % sides, (count - 1) * sides

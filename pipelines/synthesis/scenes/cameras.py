@@ -58,7 +58,7 @@ def drawn_viewpoints(
     elevations: tuple[float, float] | None = None,  # lowest, highest, radians; None: `ELEVATIONS`
 ) -> Array:
     """Return poses T_table_cam (count, 4, 4) spread around `centre` (3,), all above it."""
-    # A camera with a long lens is farther away, so that it sees as much of the table.
+    # A camera with a long lens is farther away, so that it sees an equal part of the table.
     near, far = np.array(DISTANCES) * np.clip(lens.fx / lens.width / 0.7, 0.7, 1.3)
     shares = (np.arange(count) + 0.5) / count
     azimuths = rng.uniform(0, 2 * np.pi) + 2 * np.pi * shares

@@ -1,7 +1,7 @@
 """Faults of real depth that analytic sensors lack; figures in docs/experiments/data-sets.md.
 
 Real sensors lose patches of dark, shiny and absorbing surfaces, blend both sides of an edge into
-pixels that float between them, fill small holes, and are wavy over some centimetres.
+pixels that float between them, fill small holes, and have wavy errors over some centimetres.
 """
 
 import cv2
@@ -13,15 +13,15 @@ from pipelines.array_types import Array, Indices, Mask
 DARK, GLARE = 45, 235  # grey levels of the brightest and of the darkest channel
 EDGE = 0.02  # metres between neighbouring pixels
 GRAIN = (1.5, 14.0)  # pixels of a picture 640 wide, the size of patches without depth
-WIDTH = 640  # pixels, of the pictures that lengths are given for
+WIDTH = 640  # pixels, reference width of the images for lengths
 
 
 def with_faults(
     depth: Array, color: NDArray[np.uint8], surface: Indices, rng: np.random.Generator
 ) -> Array:
-    """Return `depth` (H, W) metres, 0 = missing, with faults of strengths drawn anew each time.
+    """Return `depth` (H, W) metres, 0 = missing, with faults of random strength.
 
-    `color`: (H, W, 3). `surface`: (H, W) number of the object, table, wall, ... seen there.
+    `color`: (H, W, 3). `surface`: (H, W) number of the visible object, table, wall, ...
     """
     scale = depth.shape[1] / WIDTH
     depth = depth + _waves(depth, rng)
@@ -46,7 +46,7 @@ def _waves(depth: Array, rng: np.random.Generator) -> Array:
 
 
 def _filled(depth: Array, pixels: int) -> Array:
-    """Return `depth` with holes of up to twice `pixels` filled by what is farthest beside them."""
+    """Return `depth` with holes of up to twice `pixels` filled by the farthest depth around."""
     kernel = np.ones((2 * pixels + 1, 2 * pixels + 1), np.uint8)
     closed = np.asarray(cv2.morphologyEx(depth, cv2.MORPH_CLOSE, kernel), np.float64)
     return np.where(depth > 0.0, depth, closed)

@@ -1,7 +1,7 @@
 """Models of depth sensors: noise, jitter at edges, holes, quantisation.
 
 `kinect`: structured light; axial noise grows with the square of the distance, and surfaces that the
-projector beside the camera does not light have no depth. `realsense`: stereo; smooth bumps,
+projector next to the camera does not light have no depth. `realsense`: stereo; smooth bumps,
 foreground grown over its edges, random holes. `perfect`: true depth.
 """
 

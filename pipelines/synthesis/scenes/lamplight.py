@@ -1,4 +1,4 @@
-"""Colour images: procedural textures under lamps with cast shadows, and the look of a camera."""
+"""Colour images: procedural textures under lamps with cast shadows, and effects of a camera."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -22,17 +22,17 @@ SHADOW_OFFSET = 5e-4  # metres off the surface, so that the surface does not sha
 class Lighting:
     """One distant lamp."""
 
-    direction: Array  # (3,) unit, toward it
+    direction: Array  # (3,) unit, toward the lamp
     color: Array  # (3,) RGB
-    ambient: float  # share 0 to 1 of its light that comes from everywhere
+    ambient: float  # share 0 to 1 of the light that comes from all directions
     gloss: float  # strength of its reflections
-    shine: float = 40.0  # exponent of the reflections; larger ones are smaller and sharper
-    shadow: float = 0.15  # share of its direct light that reaches shadows
+    shine: float = 40.0  # exponent of the reflections; a larger one sharpens them
+    shadow: float = 0.15  # share of the direct light that reaches shadows
 
 
 @dataclass(frozen=True)
 class CameraLook:
-    """What a camera makes of the light."""
+    """Effects of a camera on the image."""
 
     # factor of each channel (3,), white balance included
     exposure: tuple[float, float, float] = (1.0, 1.0, 1.0)
@@ -40,7 +40,7 @@ class CameraLook:
     noise: float = 2.0  # standard deviation, grey levels
     vignette: float = 0.0  # share of the light that the corners lose
     blur: float = 0.0  # standard deviation, pixels
-    quality: int | None = None  # of JPEG compression, percent; None for none
+    quality: int | None = None  # JPEG quality, percent; None without compression
 
 
 PLAIN_LOOK = CameraLook()

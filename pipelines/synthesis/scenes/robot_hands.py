@@ -1,4 +1,4 @@
-"""A robot's gripper, or an arm, that enters a picture from its border. Camera frame, metres."""
+"""A robot's gripper, or an arm, that enters an image from its border. Camera frame, metres."""
 
 import numpy as np
 
@@ -9,12 +9,12 @@ from pipelines.geometry.transforms import make_pose, transform_points, unit
 from pipelines.synthesis.objects.decomposition import hull_of_points
 from pipelines.synthesis.objects.solids import CORNERS, on_levels
 
-DEEPEST = 0.8  # of the distance from the camera to the table, so that the hand floats above it
-ARM_LENGTH = 0.6  # metres, which leave the picture
+DEEPEST = 0.8  # of the distance from camera to table, so that the hand stays above the table
+ARM_LENGTH = 0.6  # metres, long enough to leave the image
 
 
 def drawn_hand(lens: Intrinsics, T_world_cam: Array, rng: np.random.Generator) -> Mesh:
-    """Return a random hand whose arm leaves the picture; camera frame.
+    """Return a random hand with an arm that leaves the image; camera frame.
 
     `T_world_cam`: (4, 4); the table is z = 0 of the world.
     """

@@ -108,7 +108,7 @@ def _write_view(
     intrinsics: Intrinsics,
     free: Sequence[LabelledGrasps],
 ) -> None:
-    """Write the files of one view; planar labels of the `free` grasps of each object, if any."""
+    """Write the files of one view, with planar labels of each object's `free` grasps, if any."""
     name = f"{frame_id:04d}"
     object_ids = np.array([item.object_id for item in layout.objects])
     label = np.where(view.object_index >= 0, object_ids[view.object_index] + 1, 0)
@@ -133,7 +133,7 @@ def _write_view(
 def _write_collisions(
     root: GraspNetRoot, scene_id: int, layout: SceneLayout, stamp: Stamp
 ) -> list[LabelledGrasps]:
-    """Write which labelled grasps collide; return of each object those that hold and do not."""
+    """Write the collision labels; return each object's grasps that hold without collision."""
     labels = [read_grasp_label(root.grasp_label_path(item.object_id)) for item in layout.objects]
     meshes = [item.mesh for item in layout.objects]
     around = layout.surroundings.solids

@@ -1,4 +1,4 @@
-"""Objects dropped onto a table, settled by physics (MuJoCo). The table's top is z = 0, z up."""
+"""Objects dropped onto a table and settled by physics (MuJoCo). The table's top is z = 0, z up."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -37,12 +37,12 @@ def drop_objects(
 ) -> SettledScene:
     """Drop objects, each given as convex `pieces` in its own frame, one above the other.
 
-    `centres`: (k, 3) metres, middle of each object in its own frame, by which objects are placed
-    and removed, since an origin may be far from its object; None: the origins. `container`: the
-    objects fall into it, and those that rest outside are removed.
+    `centres`: (k, 3) metres, middle of each object in its frame, for placing and removing objects,
+    since an origin may be far from its object; None: the origins. `container`: the objects fall
+    into the container, and objects at rest outside are removed.
 
     Raises:
-        SymgraspError: MuJoCo cannot make bodies of the pieces.
+        SymgraspError: MuJoCo cannot make bodies from the pieces.
     """
     middles = np.zeros((len(pieces), 3)) if centres is None else np.asarray(centres, np.float64)
     data = mujoco.MjData(model := _model_of(pieces, container.solids if container else ()))
@@ -80,7 +80,7 @@ def middles_of(poses: Array, centres: Array) -> Array:
 
 
 def refuse_bodiless(pieces: Sequence[Mesh]) -> None:
-    """Raise SymgraspError if MuJoCo cannot make a body of the convex `pieces` of an object."""
+    """Raise SymgraspError if MuJoCo cannot make a body from the convex `pieces` of an object."""
     _model_of([pieces])
 
 
@@ -88,7 +88,7 @@ def compiled_world(spec: mujoco.MjSpec) -> mujoco.MjModel:
     """Return the compiled model of a world.
 
     Raises:
-        SymgraspError: MuJoCo cannot make bodies of the objects' pieces.
+        SymgraspError: MuJoCo cannot make bodies from the objects' pieces.
     """
     try:
         return spec.compile()
@@ -100,7 +100,7 @@ def compiled_world(spec: mujoco.MjSpec) -> mujoco.MjModel:
 
 
 def _drawn_orientation(rng: np.random.Generator) -> Array:
-    """Return a random quaternion, w first: upright half of the time, as people place objects."""
+    """Return a random quaternion, w first, upright half of the time, as people place objects."""
     if rng.uniform() < 0.5:
         half = rng.uniform(0, np.pi)
         return np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
@@ -108,7 +108,7 @@ def _drawn_orientation(rng: np.random.Generator) -> Array:
 
 
 def add_convex(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, piece: Mesh) -> mujoco.MjsGeom:
-    """Add a convex piece to `body`, under a name of its own in the model; return its geom."""
+    """Add a convex piece to `body` under the unique `name` in the model; return its geom."""
     spec.add_mesh(
         name=name,
         uservert=piece.vertices.ravel().tolist(),
@@ -129,7 +129,7 @@ def _model_of(pieces: Sequence[Sequence[Mesh]], fixed: Sequence[Mesh] = ()) -> m
         geom.friction, geom.condim = FRICTION, 6
     for number, parts in enumerate(pieces):
         body = spec.worldbody.add_body(name=f"object{number}")
-        # Damping instead of the rolling friction that stiff contacts lack: balls come to rest.
+        # Damping replaces the rolling friction that stiff contacts lack: balls come to rest.
         body.add_freejoint()
         for part_number, part in enumerate(parts):
             geom = add_convex(spec, body, f"mesh{number}_{part_number}", part)

@@ -1,6 +1,6 @@
 """Smooth shading: normals interpolated between a triangle's corners.
 
-For the colour image only; depth and grasps use the flat triangles.
+Only the colour image uses these normals; depth and grasps use the flat triangles.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.rendering import Hits
 from pipelines.geometry.transforms import invert, rotate_vectors, transform_points, unit
 
-CREASE = np.radians(35.0)  # between faces; a sharper bend stays an edge
+CREASE = np.radians(35.0)  # between faces; a sharper bend is an edge
 
 
 def corner_normals(mesh: Mesh) -> Array:
@@ -59,7 +59,7 @@ def with_smooth_normals(
 def barycentric(triangles: Array, points: Array) -> Array:
     """Return the barycentric coordinates (n, 3) of `points` (n, 3) in `triangles` (n, 3, 3).
 
-    A point outside its triangle gets those of a point on the border.
+    A point outside of its triangle gets the coordinates of a point on the border.
     """
     a, b, c = triangles.swapaxes(0, 1)
     u, v, w = b - a, c - a, points - a

@@ -1,7 +1,7 @@
 """Bins, trays, walls, table edges and robot bases around the objects of a scene; table frame, z up.
 
-A bin or tray stands before the objects are dropped into it; everything else is placed beside the
-objects at rest. All solids are convex: obstacles for the grasps of a scene, not objects of it.
+A bin or tray is placed before the objects are dropped into it; everything else is placed next to
+objects at rest. All solids are convex obstacles for the grasps of a scene, but no objects.
 """
 
 from dataclasses import dataclass
@@ -17,20 +17,20 @@ from pipelines.synthesis.objects.solids import on_levels
 
 # Angles of elevation, radians, between which cameras look into a container.
 INTO_BIN, INTO_TRAY = (np.radians(52.0), np.radians(85.0)), (np.radians(40.0), np.radians(80.0))
-TOWARD_WALL, INTO_CORNER = np.radians(60.0), np.radians(35.0)  # half of the arc of the cameras
-FAR = 1.5  # metres, half extents of walls and of what is left of a table
+TOWARD_WALL, INTO_CORNER = np.radians(60.0), np.radians(35.0)  # half arcs of the cameras' azimuths
+FAR = 1.5  # metres, half extents of walls and of the remaining table
 WALL_THICKNESS = 0.05  # metres
 
 
 @dataclass(frozen=True)
 class SceneSurroundings:
-    """What stands on or beside the table, and from where cameras can see the objects.
+    """Solids on or next to the table, and the directions from which cameras see the objects.
 
     Attributes:
         solids: convex meshes.
-        table: mesh of a table that ends near the objects; None for the large one.
+        table: mesh of a table that ends near the objects; None for the large table.
         arc: middle and half width of the azimuths of cameras, radians; None for all around.
-        elevations: lowest and highest elevation of cameras, radians; None for those of a table.
+        elevations: lowest and highest elevation of cameras, radians; None for the default.
     """
 
     solids: tuple[Mesh, ...] = ()
@@ -45,10 +45,10 @@ class Container:
 
     Attributes:
         half: (2,) half extents of the floor inside, metres.
-        yaw: of its axes, radians.
+        yaw: angle of its axes, radians.
         floor: height of the floor above the table, metres.
         solids: convex meshes of floor and walls.
-        elevations: of cameras that see its inside, radians.
+        elevations: elevations of cameras that see the inside, radians.
     """
 
     half: Array
@@ -63,7 +63,7 @@ class Container:
         return np.asarray(_turn(self.yaw)[:2, :2] @ rng.uniform(-span, span))
 
     def holds(self, points: Array) -> Mask:
-        """Return (n,) whether `points` (n, 3) are above the floor, between the walls."""
+        """Return a mask (n,) of `points` (n, 3) above the floor, between the walls."""
         across = points[:, :2] @ _turn(self.yaw)[:2, :2]
         inside = (np.abs(across) < self.half).all(axis=1)
         return np.asarray(inside & (points[:, 2] > self.floor - 0.02))
@@ -84,7 +84,7 @@ def drawn_container(kind: str, rng: np.random.Generator) -> Container | None:
     spread = slope * height
     solids = [slab(half + wall, 0.0, floor)]
     solids += frame(half, half + wall, half + spread, half + spread + wall, 0.0, height)
-    if rng.uniform() < 0.5:  # a rim to lift it by
+    if rng.uniform() < 0.5:  # a rim for lifting
         inner, outer = half + spread, half + spread + wall + rng.uniform(0.008, 0.025)
         solids += frame(inner, outer, inner, outer, height - 0.003, height)
     if kind == "bin" and rng.uniform() < 0.25:  # a wall between two compartments
@@ -101,7 +101,7 @@ def drawn_surroundings(
 ) -> SceneSurroundings:
     """Return random surroundings of objects at rest.
 
-    `footprint`: (n, 2) metres, places of the table below points of the objects.
+    `footprint`: (n, 2) metres, points of the table below points of the objects.
     """
     if container is not None:
         return SceneSurroundings(container.solids, elevations=container.elevations)
@@ -132,7 +132,7 @@ def frame(
 ) -> list[Mesh]:
     """Return the four walls between an inner and an outer pyramid stump, mitred at the corners.
 
-    Each argument but the heights is the half extents (2,) at the height of its name, metres.
+    Each argument except the heights is half extents (2,) at the height of its name, metres.
     """
     walls = []
     for axis in (0, 1):
@@ -157,7 +157,7 @@ def _corner(half: Array, axis: int, side: float, along: float, height: float) ->
 
 
 def _wall(footprint: Array, rng: np.random.Generator) -> SceneSurroundings:
-    """Return a wall behind the objects, two walls in a corner, or a panel that stands there."""
+    """Return a wall, two walls in a corner, or a panel behind the objects."""
     azimuth = float(rng.uniform(0.0, 2.0 * np.pi))
     shape = rng.choice(["wall", "corner", "panel"], p=[0.5, 0.25, 0.25])
     if shape == "panel":  # a monitor, a carton, the side of a cupboard
@@ -189,7 +189,7 @@ def _upright(
 
 
 def _edge(footprint: Array, rng: np.random.Generator) -> SceneSurroundings:
-    """Return a table that ends beside the objects, on one or two sides."""
+    """Return a table that ends next to the objects, on one or two sides."""
     azimuth = float(rng.uniform(0.0, 2.0 * np.pi))
     ends = [_reach(footprint, azimuth + turn) + 0.12 * rng.uniform() for turn in (0.0, np.pi / 2)]
     if rng.uniform() < 0.6:
@@ -200,7 +200,7 @@ def _edge(footprint: Array, rng: np.random.Generator) -> SceneSurroundings:
 
 
 def _base(footprint: Array, rng: np.random.Generator) -> SceneSurroundings:
-    """Return the round or square base of a robot and the first joint on it."""
+    """Return the round or square base of a robot with its first joint."""
     azimuth = float(rng.uniform(0.0, 2.0 * np.pi))
     sides = int(rng.choice([4, 6, 24]))
     radii = rng.uniform(0.06, 0.11) * np.array([1.0, rng.uniform(0.6, 1.0)])
@@ -227,7 +227,7 @@ def _prism(outline: Array, first: float, second: float) -> Mesh:
 
 
 def _reach(footprint: Array, azimuth: float) -> float:
-    """Return how far the objects reach from the origin along `azimuth`, metres."""
+    """Return the reach of the objects from the origin along `azimuth`, metres."""
     return float((footprint @ [np.cos(azimuth), np.sin(azimuth)]).max())
 
 

@@ -1,4 +1,4 @@
-"""Scenes of objects at rest, what is around them, and views of them; world = table frame, z up."""
+"""Scenes of objects at rest, their surroundings and views; world = table frame, z up."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -75,7 +75,7 @@ class View:
 
 @dataclass(frozen=True)
 class SceneLayout:
-    """Objects at rest, and what is around them; `poses`: (k, 4, 4) object to table."""
+    """Objects at rest and their surroundings; `poses`: (k, 4, 4) object to table."""
 
     objects: tuple[SceneObject, ...]
     poses: Array
@@ -93,7 +93,7 @@ class SceneLayout:
 
     @property
     def footprint(self) -> Array:
-        """Places (n, 2) of the table below the corners of the objects' pieces, metres."""
+        """Points (n, 2) of the table below the corners of the objects' pieces, metres."""
         corners = [
             transform_points(pose, piece.vertices)[:, :2]
             for item, pose in zip(self.objects, self.poses, strict=True)
@@ -112,7 +112,7 @@ def drawn_layout(
     """
     if tuple(kinds) == ("plain",):
         return settle(objects, rng)
-    (around,) = rng.spawn(1)  # a plain scene stays the same, whatever other kinds are listed
+    (around,) = rng.spawn(1)  # a plain scene does not depend on the other listed kinds
     kind = kinds[int(around.integers(len(kinds)))]
     container = drawn_container(kind, around)
     layout = settle(objects, rng, container)
@@ -126,7 +126,7 @@ def settle(
     """Drop `objects` until at least half of them stay on the table, or in the `container`.
 
     Raises:
-        SymgraspError: they do not in `DROP_ATTEMPTS` attempts.
+        SymgraspError: all of `DROP_ATTEMPTS` attempts fail.
     """
     centres = np.stack([item.centre for item in objects])
     for _ in range(DROP_ATTEMPTS):
@@ -147,7 +147,7 @@ def rectangle(half_width: float, half_depth: float) -> Mesh:
 
 
 def background(layout: SceneLayout, rng: np.random.Generator) -> tuple[list[Mesh], list[Array]]:
-    """Return meshes and poses (4, 4) of the table, the floor and what stands around the objects."""
+    """Return meshes and poses (4, 4) of the table, the floor and the objects' surroundings."""
     floor = make_pose(np.eye(3), [0, 0, rng.uniform(*FLOOR_HEIGHTS)])
     around = layout.surroundings
     meshes = [around.table or rectangle(*TABLE_SIZE), rectangle(FLOOR_SIZE, FLOOR_SIZE)]
@@ -165,7 +165,7 @@ def record(
 ) -> Iterator[View]:
     """Yield the views of `layout` by cameras at `viewpoints` (n, 4, 4), T_world_cam."""
     scenery = scenery or SceneryConfig()
-    (beside,) = rng.spawn(1)  # draws what not every scene has
+    (beside,) = rng.spawn(1)  # for draws that only some scenes need
     meshes = [item.mesh for item in layout.objects]
     others, places = background(layout, rng)
     is_varied = scenery.colors == "varied"
@@ -195,7 +195,7 @@ def record(
 def _textures(
     layout: SceneLayout, rng: np.random.Generator, beside: np.random.Generator, *, is_varied: bool
 ) -> list[Texture]:
-    """Return one texture for each object, the table, the floor and each solid around them."""
+    """Return one texture for each object, the table, the floor and each surrounding solid."""
     solids = len(layout.surroundings.solids)
     if is_varied:
         own = [varied_texture(beside, printed=True) for _ in layout.objects]

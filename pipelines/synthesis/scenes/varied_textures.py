@@ -1,6 +1,6 @@
 """Procedural textures of many kinds: materials, patterns and prints in any colour.
 
-They are for training on colour: hardly two surfaces look alike, and no picture is pasted on any.
+The textures are for training on colour: surfaces hardly look alike, and no photo is used.
 """
 
 from collections.abc import Callable
@@ -13,13 +13,13 @@ from pipelines.synthesis.scenes.lamplight import Texture
 
 Field = Callable[[Array], Array]  # points (n, 3) metres -> (n,) 0 to 1
 
-HASH = np.array([127.1, 311.7, 74.7])  # directions and factor of a hash that shaders use
+HASH = np.array([127.1, 311.7, 74.7])  # directions and factor of a hash from shaders
 HASH_FACTOR = 43758.5453
 PITCHES = (0.004, 0.12)  # metres, from the weave of cloth to floor boards
 
 
 def varied_texture(rng: np.random.Generator, *, printed: bool = False) -> Texture:
-    """Return a random texture of one to three layers; `printed`: perhaps with a label on it."""
+    """Return a random texture of one to three layers; `printed`: possibly with a label."""
     layers = [_layer(rng)]
     masks: list[Field] = []
     while len(layers) < 3 and rng.uniform() < 0.35:
@@ -41,7 +41,7 @@ def varied_texture(rng: np.random.Generator, *, printed: bool = False) -> Textur
 
 
 def any_color(rng: np.random.Generator) -> Array:
-    """Return a random colour (3,) 0 to 1: black, white, grey, pale or as saturated as can be."""
+    """Return a random colour (3,) 0 to 1: black, white, grey, pale or fully saturated."""
     value, kind = rng.uniform(0.02, 1.0), rng.uniform()
     if kind < 0.25:
         return np.full(3, value)
@@ -120,7 +120,7 @@ def _stripes(rng: np.random.Generator, pitch: float) -> Field:
 
 
 def _rings(rng: np.random.Generator, pitch: float) -> Field:
-    """Wood: rings about an axis, drawn out along it."""
+    """Wood: rings about an axis, stretched along the axis."""
     noise, stretch = _noise(rng, 8.0 * pitch), rng.uniform(0.02, 0.3)
 
     def field(points: Array) -> Array:
@@ -137,7 +137,7 @@ def _checks(rng: np.random.Generator, pitch: float) -> Field:
 
 
 def _tiles(rng: np.random.Generator, pitch: float) -> Field:
-    """Tiles, boards or bricks, each of a shade of its own, with joints between them."""
+    """Tiles, boards or bricks in individual shades, with joints between them."""
     sizes = 3.0 * pitch * np.array([rng.uniform(1.0, 8.0), 1.0, 1.0])
     joint, offset = rng.uniform(0.01, 0.1), rng.uniform(0.0, 0.5)
 
@@ -179,7 +179,7 @@ def _hard(field: Field, level: float) -> Field:
 
 
 def _label(rng: np.random.Generator) -> tuple[Field, Field]:
-    """Return the sheet of a label and the print on it: lines of letters, bars, a patch."""
+    """Return the sheet of a label and its print: lines of letters, bars, a patch."""
     turn = basis_from_direction(rng.normal(size=3))
     half, line = rng.uniform(0.008, 0.04, 2), rng.uniform(0.002, 0.008)
     letter, filled = line * rng.uniform(0.3, 2.0), rng.uniform(0.3, 0.8)

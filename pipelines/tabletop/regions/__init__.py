@@ -1,1 +1,1 @@
-"""Regions of a tabletop frame: pieces by colour, and tests of what may be a thing."""
+"""Regions of a tabletop frame: pieces by colour, and tests whether a piece may be an object."""

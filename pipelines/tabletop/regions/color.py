@@ -1,6 +1,6 @@
-"""Pieces that stand out from a table by colour: thin things, and things whose depth is missing.
+"""Pieces that stand out from a table by colour: thin objects, and objects without depth.
 
-The colour of a bare table changes slowly over the image, with the light. A pixel stands out where
+The colour of a bare table changes slowly over the image, with the light. A pixel stands out if
 its colour differs from the mean of the bare table around it by more than the table's own pattern.
 """
 
@@ -17,8 +17,8 @@ from pipelines.tabletop.depth_segments import Labels
 from pipelines.tabletop.organized import Bytes
 
 THINNED = 4  # rows and columns of an image from which the table's colour is taken
-# Standard deviations beyond which pixels are left out of the mean colour, pass by pass. With k, a
-# thing that covers up to 1 / (1 + k^2) of a window is told from it; more is the table's pattern.
+# Standard deviations beyond which pixels are left out of the mean colour, in each pass. With k, an
+# object over up to 1 / (1 + k^2) of a window is distinguished from the table's pattern.
 OUTLIERS = (1.5, 2.5, np.inf)
 LEAST_SPREAD = 1.6  # Lab, of the table's colour: noise of a camera
 LEAST_SEEN = 0.02  # share of a window that must be bare table
@@ -36,7 +36,7 @@ class ColorPieces:
 
     Attributes:
         labels: (H, W) 1, 2, ... n for pieces, 0 elsewhere.
-        whole: (n + 1,) whether a piece may be a thing: it lies within the table's outline, and is
+        whole: (n + 1,) whether a piece may be an object: inside the table's outline, and
             no line such as a cable or a joint of boards; False for label 0.
     """
 
@@ -45,7 +45,7 @@ class ColorPieces:
 
 
 def color_pieces(color: Bytes, bare: Mask, config: ColorConfig) -> ColorPieces:
-    """Return what differs in colour from the table in `color` (H, W, 3) RGB.
+    """Return the pieces of `color` (H, W, 3), RGB, that differ from the table's colour.
 
     `bare`: (H, W) pixels measured on the table.
     """
@@ -65,7 +65,7 @@ def color_pieces(color: Bytes, bare: Mask, config: ColorConfig) -> ColorPieces:
 def _whole_pieces(parts: Bytes, outline: Bytes, config: ColorConfig) -> ColorPieces:
     """Return the pieces of `parts` (H, W), 1 or 0, within the table's `outline` (H, W).
 
-    Cables are taken off, and part what they join.
+    Cables are removed, which separates the objects that they join.
     """
     count, labels, area = _connected(parts)
     slender = _lengths(parts, labels, count) ** 2 > config.max_slenderness * area
@@ -87,13 +87,13 @@ def _whole_pieces(parts: Bytes, outline: Bytes, config: ColorConfig) -> ColorPie
 
 
 def _lengths(parts: Bytes, labels: Labels, count: int) -> Array:
-    """Return half the number (count,) of pixels on the borders of the pieces `labels`."""
+    """Return half the number (count,) of border pixels of the pieces `labels`."""
     inner = np.asarray(cv2.erode(parts, SQUARE), np.uint8)
     return np.bincount(labels[parts > inner], minlength=count) / 2.0
 
 
 def _connected(parts: Bytes) -> tuple[int, Labels, NDArray[np.int32]]:
-    """Return the number of labels with 0, the labels (H, W), and the pixels (n,) of each."""
+    """Return the number of labels including 0, the labels (H, W), and their pixel counts (n,)."""
     count, labels, stats, _ = cv2.connectedComponentsWithStats(parts, connectivity=8)
     return count, np.asarray(labels, np.int32), np.asarray(stats, np.int32)[:, cv2.CC_STAT_AREA]
 

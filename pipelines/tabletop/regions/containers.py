@@ -1,6 +1,6 @@
-"""Open containers as one region: their outside, and the inside that is seen over its rim.
+"""Open containers as one region: the outside, and the inside that is seen over the rim.
 
-The rim of a pot parts its outside from its inside in depth, and by a sharp fold. The inside begins
+The rim of a pot separates outside and inside by a depth step and a sharp fold. The inside begins
 right behind the edge of a wall without a lid, and is seen through the outline of one rim (D. 134).
 """
 
@@ -25,16 +25,16 @@ WALL = 0.004  # metres, median deviation along the view within an edge; a lid of
 STRIP = 0.006  # metres across the view, over which that deviation is measured
 MIN_OPEN = 0.3  # share of the mouth that shows the inside below its rim
 MIN_THROUGH = 0.85  # share of the inside that is seen through the mouth
-MIN_BESIDE = 0.5  # share of the outside below the rim that is seen beside the mouth
+MIN_BESIDE = 0.5  # share of the outside below the rim that is seen next to the mouth
 MIN_COMMON = 0.4  # common share of the widths of outside and inside, across the view
 MAX_SOLID = 0.3  # share of the rim in the middle of the mouth; a lid has more
-MIDDLE = 0.6  # size of that middle, of the mouth's
+MIDDLE = 0.6  # size of that middle, relative to the mouth
 GAP = 9  # pixels, width of a square that bridges outside and inside
-MIN_RIM = 15  # pixels of a rim, and of what touches it
+MIN_RIM = 15  # least pixels of the rim on the outside, and on the inside
 
 
 def insides(labels: Labels, things: Things) -> dict[int, int]:
-    """Return which of the regions `labels` is the inside of which: {inside: outside}.
+    """Return the pairs of regions of `labels` that are one container: {inside: outside}.
 
     No outside is an inside. `labels`: (H, W) 1, 2, ... n for regions, of the size of `things`.
     """
@@ -70,7 +70,7 @@ def _boxes(labels: Labels) -> Iterator[tuple[int, Box]]:
 
 @dataclass(frozen=True)
 class _Pair:
-    """What may be the outside and the inside of one container; (h, w) each, metres."""
+    """Possible outside and inside of one container; (h, w) each, metres."""
 
     outside: Mask
     inside: Mask
@@ -78,13 +78,13 @@ class _Pair:
     xyz: Array
 
     def is_container(self, up: Array) -> bool:
-        """Return whether a wall without a lid, and what is seen over it, have one rim."""
+        """Return whether a wall without a lid and the region seen over the wall have one rim."""
         both = self.outside | self.inside
         rim = both & (self.height > quantiles(self.height[both], HIGHEST) - RIM)
         edge = rim & self.outside
         if np.count_nonzero(edge) < MIN_RIM or np.count_nonzero(rim & self.inside) < MIN_RIM:
             return False
-        # The rim is level: its outline in the image is that of the mouth.
+        # The rim is level, so its outline in the image is the outline of the mouth.
         corners = cv2.convexHull(np.argwhere(rim)[:, ::-1].astype(np.int32)).reshape(-1, 2)
         mouth = _filled(corners, rim.shape)
         middle = corners.mean(axis=0)

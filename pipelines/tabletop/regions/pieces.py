@@ -37,7 +37,7 @@ def pieces_of_labels(labels: Labels, xyz: Array, min_pixels: int) -> list[Labell
 
 
 def box_of(mask: Mask) -> Box:
-    """Return the rows and columns that `mask` (H, W) spans; empty slices of none."""
+    """Return the rows and columns that `mask` (H, W) spans; empty slices for an empty mask."""
     x, y, width, height = cv2.boundingRect(mask.view(np.uint8))
     return slice(y, y + height), slice(x, x + width)
 
@@ -46,7 +46,7 @@ def box_of(mask: Mask) -> Box:
 def _by_label(labels: Labels, count: int) -> tuple[Indices, Indices]:
     """Return the indices of labels 1 to `count`, label by label, and the ends (count + 1,).
 
-    `labels`: (n,). The indices of a label ascend; label 0 is left out and ends at 0.
+    `labels`: (n,). The indices of a label ascend; label 0 is omitted and ends at 0.
     """
     end = np.zeros(count + 1, np.int64)
     for n in range(len(labels)):

@@ -1,6 +1,6 @@
-"""Which connected pieces of a foreground reach down to the support plane.
+"""Selection of the connected foreground pieces that reach down to the support plane.
 
-An arm that hangs into the image, or a thing beyond the table, does not.
+An arm that hangs into the image, or an object beyond the table, does not.
 """
 
 import cv2
@@ -21,10 +21,10 @@ FEET = 500  # points of a piece whose feet on the table are checked
 KNOWN_FEET = 0.5  # least share of these feet with measured depth
 BORDER = 16  # pixels at the border of the image that a sensor may not measure
 LOWEST = 0.15  # share of a piece's points that are its lowest, or its highest
-DROPS = 0.04, 0.06, 0.1  # metres beneath the lowest points where the view may pass
-BEHIND = 0.03  # metres behind such a place from which the view passes it
-MIN_FREE = 0.6  # share of these places that the view must pass
-JOINT = 0.03  # metres between what hangs and its foot
+DROPS = 0.04, 0.06, 0.1  # metres beneath the lowest points where background may be seen
+BEHIND = 0.03  # least metres from such a place to the background seen there
+MIN_FREE = 0.6  # least share of these places with background
+JOINT = 0.03  # metres between a hanging piece and its foot
 TABLE_BENEATH = 0.25  # largest share of these feet that show the table
 
 
@@ -45,7 +45,7 @@ def standing(
     for piece in pieces:
         if quantiles(plane.height(piece.points), 0.02) < config.max_floating:
             continue
-        # What hangs free is held from outside the image, or by something unseen (D. 136).
+        # A free-hanging piece is held from outside the image, or by something unseen (D. 136).
         if _reaches_out(piece.box, measured) and _hangs_free(piece, xyz, plane, camera):
             hanging.append(piece)
             result[piece.label] = False
@@ -58,7 +58,7 @@ def standing(
 
 
 def _reaches_out(box: Box, measured: Box) -> bool:
-    """Return whether a piece in `box` reaches the border of what is `measured`."""
+    """Return whether a piece in `box` reaches the border of the `measured` box."""
     return any(
         own.start < whole.start + BORDER or own.stop > whole.stop - BORDER
         for own, whole in zip(box, measured, strict=True)
@@ -66,7 +66,7 @@ def _reaches_out(box: Box, measured: Box) -> bool:
 
 
 def _hangs_free(piece: LabelledPiece, xyz: Array, plane: Plane, camera: Intrinsics) -> bool:
-    """Return whether the view passes beneath the lowest points of a piece."""
+    """Return whether background is seen beneath the lowest points of a piece."""
     height = plane.height(piece.points)
     low = piece.points[height <= quantiles(height, LOWEST)]
     low = low[:: max(1, len(low) // FEET)]
@@ -80,7 +80,7 @@ def _hangs_free(piece: LabelledPiece, xyz: Array, plane: Plane, camera: Intrinsi
 
 
 def _carries(piece: LabelledPiece, hanging: LabelledPiece, plane: Plane) -> bool:
-    """Return whether the lowest points of what hangs lie on the top of a piece."""
+    """Return whether the lowest points of `hanging` are on the top of `piece`."""
     height, over = plane.height(piece.points), plane.height(hanging.points)
     top = piece.points[height >= quantiles(height, 1.0 - LOWEST)]
     foot = hanging.points[over <= quantiles(over, LOWEST)]
@@ -91,7 +91,7 @@ def _carries(piece: LabelledPiece, hanging: LabelledPiece, plane: Plane) -> bool
 
 
 def _foot_may_be_hidden(piece: LabelledPiece, xyz: Array, whole: Labels, plane: Plane) -> bool:
-    """Return whether nearer pieces, or missing depth, lie along the lower side of a piece."""
+    """Return whether nearer pieces, or missing depth, border the lower side of a piece."""
     foot = FOOT if plane.normal[1] <= 0.0 else 0  # down in the image, or up
     rows, columns = (slice(max(0, s.start - FOOT), s.stop + FOOT) for s in piece.box)
     around = whole[rows, columns]

@@ -1,7 +1,7 @@
-"""Tests of whether a piece of the foreground may be a thing to grasp.
+"""Tests whether a piece of the foreground may be an object to grasp.
 
-A thing has the size of an object, stands on the support plane and has some of that plane behind it.
-Walls, sides of bins, arms and what reaches into the image from outside have not.
+An object has a graspable size, stands on the support plane and has some of that plane behind it.
+Walls, sides of bins, arms and objects that reach into the image from outside do not.
 """
 
 from dataclasses import dataclass
@@ -22,9 +22,9 @@ TALL = 1.7  # least height of an object, over the height that stands out from no
 UNMEASURED = 16  # pixels at the border of the image that a sensor may not measure
 MIN_BORDER = 20  # pixels on the image border from which an object continues outside
 FITTED = 500  # points of a piece, about, to which a plane is fitted
-BARE = 2000  # points of the support, about, whose side of a piece is looked at
-STEEP = np.cos(np.deg2rad(30.0))  # of the angle to the support beyond which a plane may be a wall
-MAX_DRAWN_OUT = 2.2  # length along the view by width across it; of real things up to 1.7
+BARE = 2000  # points of the support, about, that are compared with a piece's plane
+STEEP = np.cos(np.deg2rad(30.0))  # of the angle to the support from which a plane may be a wall
+MAX_DRAWN_OUT = 2.2  # length along the view by width across it; of real objects up to 1.7
 BEHIND = 0.01  # metres behind a piece's plane from which the support counts
 
 
@@ -34,7 +34,7 @@ class Things:
 
     Attributes:
         xyz: (H, W, 3) metres, camera frame, nan where missing.
-        top: the support plane and what stands on it.
+        top: the support plane and the foreground.
         hanging: (H, W) pixels of pieces that do not reach down to the support.
         config: thresholds.
     """
@@ -45,7 +45,7 @@ class Things:
     config: RegionConfig
 
     def may_be(self, mask: Mask) -> bool:
-        """Return whether the pixels of `mask` (H, W) may be a thing; True without depth."""
+        """Return whether the pixels of `mask` (H, W) may be an object; True without depth."""
         seen = mask & np.isfinite(self.xyz[..., 2])
         count = np.count_nonzero(seen)
         if not count:
@@ -55,7 +55,7 @@ class Things:
         return self.has_size_and_place(self.xyz[seen], np.flatnonzero(mask))
 
     def has_size_and_place(self, points: Array, pixels: Indices) -> bool:
-        """Return whether the piece of `points` (n, 3) and flat `pixels` (m,) may be a thing."""
+        """Return whether the piece of `points` (n, 3) and flat `pixels` (m,) may be an object."""
         border = np.count_nonzero(self._border.take(pixels))
         outermost = np.count_nonzero(self._outermost.take(pixels))
         plane, size = self.top.plane, extent(points)
@@ -83,7 +83,7 @@ class Things:
     def is_smear(self, points: Array) -> bool:
         """Return whether the piece of `points` (n, 3) is drawn out along the view (D. 137).
 
-        Between the edge of a thing and what lies behind it, a sensor invents such points.
+        Sensors invent such points between the edge of an object and the surface behind it.
         """
         middle = np.median(points, axis=0)
         ray = unit(middle)
@@ -98,7 +98,7 @@ class Things:
         return bool(self._footprint.contains(some).mean() >= self.config.min_over_support)
 
     def _bounds_support(self, points: Array, plane: Plane) -> bool:
-        """Return whether `points` (n, 3) are of a steep surface with no support behind it."""
+        """Return whether `points` (n, 3) are a steep surface without support behind it."""
         some = points[:: max(1, len(points) // FITTED)]
         middle = some.mean(axis=0)
         normal = np.linalg.svd(some - middle, full_matrices=False)[2][2]

@@ -86,5 +86,5 @@ def test_other_weights_are_refused_by_name(tmp_path):
 def test_tensors_of_another_shape_are_refused(tmp_path):
     path = tmp_path / "other.safetensors"
     mean = load_weights(models.PLANE_CRITIC_WEIGHTS)[0]["mean"][:-1].clone()
-    with pytest.raises(FormatError, match=r"mean is \(8,\); of shape \(9,\) it is expected"):
+    with pytest.raises(FormatError, match=r"mean is \(8,\); shape \(9,\) is expected"):
         read(changed(path, critic_files.PLANES, {"mean": mean}), critic_files.PLANES)

@@ -63,7 +63,7 @@ NOVEL: dict[str, Family] = {
     "spoon": compound.spoon,
 }
 
-# More families of training; those of the first trainings lack them.
+# Further families of training, which the first trainings lack.
 WIDER_FAMILIES: dict[str, Family] = {
     "turned": wider.turned,
     "boulder": wider.boulder,
@@ -111,7 +111,7 @@ def make_shape(family: str, rng: np.random.Generator) -> Shape:
     """Return a new shape of `family`, centred on its bounding box.
 
     Raises:
-        UnknownNameError: there is no such family.
+        UnknownNameError: the family is unknown.
     """
     if family not in FAMILIES:
         raise UnknownNameError("family", family, FAMILIES)

@@ -1,7 +1,7 @@
 """Families of the sealed benchmark, which no network is trained on and no decision is made with.
 
-They share no generator with the families of training: they are made of swept outlines, lofts and
-superquadrics, from solids alone.
+The families share no generator with the families of training: they are made of swept outlines,
+lofts and superquadrics, from solids alone.
 """
 
 from itertools import pairwise
@@ -87,7 +87,7 @@ def lobed_knob(rng: Rng) -> Shape:
 
 
 def twisted_bar(rng: Rng) -> Shape:
-    """Twisted candles and pillars: a regular outline that turns as it rises; no mirror plane."""
+    """Twisted candles and pillars: a regular outline that turns with height; no mirror plane."""
     sides, r = int(rng.integers(3, 6)), rng.uniform(0.016, 0.03)
     h, twist = rng.uniform(0.05, 0.12), np.radians(rng.uniform(50, 110))
     levels = np.linspace(-0.5, 0.5, 25)
@@ -230,7 +230,7 @@ def fish(rng: Rng) -> Shape:
 
 
 def carved(rng: Rng) -> Shape:
-    """Decoys of balls and eggs: an ellipsoid with one flat cut and a fin across it."""
+    """Decoys of balls and eggs: an ellipsoid with one flat cut and a fin across the cut."""
     half = rng.uniform([0.026, 0.026, 0.026], [0.04, 0.036, 0.034])
     points = np.asarray(Manifold.sphere(1.0, 72).to_mesh64().vert_properties)[:, :3] * half
     points = points[points[:, 2] > -rng.uniform(0.3, 0.6) * half[2]]

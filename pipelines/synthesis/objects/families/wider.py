@@ -1,6 +1,6 @@
 """Further families of training: random turned and faceted bodies, handles, tools, thin walls.
 
-Some come with a decoy: nearly as symmetric as another family, but for one cut or knob.
+Some are decoys: nearly as symmetric as another family, except for one cut or knob.
 """
 
 import numpy as np
@@ -65,7 +65,7 @@ def crossed(rng: Rng) -> Shape:
 
 
 def faceted(rng: Rng) -> Shape:
-    """Crystals, nuts, pyramids: hull of random points, the same about each of n corners."""
+    """Crystals, nuts, pyramids: hull of random points, repeated about each of n corners."""
     order = int(rng.integers(3, 7))
     size = np.array([0.04, 0.04, 0.035]) * rng.uniform(0.6, 1.1)
     points = rng.normal(size=(int(rng.integers(2, 5)), 3))
@@ -253,7 +253,7 @@ def hook(rng: Rng) -> Shape:
 
 
 def decoy_carton(rng: Rng) -> Shape:
-    """Decoys of cartons: a box with a second, smaller one off the middle of its lid."""
+    """Decoys of cartons: a box with a second, smaller box off the middle of its lid."""
     size = np.sort(rng.uniform([0.03, 0.056, 0.092], [0.045, 0.076, 0.14]))[::-1]
     lid = size * rng.uniform(0.3, 0.45, 3)
     place = [0.22 * size[0], 0.22 * size[1], 0.5 * (size[2] + lid[2]) - 0.001]
@@ -271,7 +271,7 @@ def decoy_can(rng: Rng) -> Shape:
 
 
 def decoy_bottle(rng: Rng) -> Shape:
-    """Decoys of bottles: the neck stands beside the axis."""
+    """Decoys of bottles: the neck is off the axis."""
     r, h = rng.uniform(0.026, 0.04), rng.uniform(0.07, 0.12)
     neck, long = r * rng.uniform(0.3, 0.42), rng.uniform(0.025, 0.045)
     body = rounded_lathe([(0, 0), (r, 0), (r, h), (0, h)], 0.006)
@@ -282,7 +282,7 @@ def decoy_bottle(rng: Rng) -> Shape:
 
 
 def tape_dispenser(rng: Rng) -> Shape:
-    """Rolls in a holder: a thick pipe that lies on a foot."""
+    """Rolls in a holder: a thick pipe on a foot."""
     r, w = rng.uniform(0.024, 0.034), rng.uniform(0.018, 0.03)
     roll = pipe(r, r * rng.uniform(0.5, 0.7), w, 0.0015).moved(Z_TO_Y)
     foot = box((2.6 * r, 1.3 * w, 0.016), 0.001).moved(

@@ -1,4 +1,4 @@
-"""Logistic regressions: the critic of axes and spheres, and calibrations of the others."""
+"""Logistic regressions: the critic of axes and spheres, and calibrations of other critics."""
 
 import numpy as np
 from scipy.special import expit
@@ -9,9 +9,9 @@ from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
 from pipelines.grasping.symmetries.axis_critic import AxisCritic
 from pipelines.learning.critics.critic_rows import CriticRows
 
-RIDGE = 1.0  # of slopes of standardised columns; chosen by eye
-STEPS = 50  # of Newton's method
-ROUNDS = 20  # of fits to the axes that the fit before chooses; a few suffice
+RIDGE = 1.0  # penalty on slopes of standardised columns; chosen by eye
+STEPS = 50  # steps of Newton's method
+ROUNDS = 20  # fits to the axes that the previous fit chooses; a few suffice
 
 
 def logistic_regression(columns: Floats, truth: Floats) -> Array:
@@ -38,8 +38,8 @@ def log_loss(log_odds: Array, truth: Array) -> float:
 def fit_axis_critic(rows: CriticRows) -> AxisCritic:
     """Return the regressions of axes and spheres.
 
-    Of a region's candidate axes only the most likely is ever used, so the fit is to these: by the
-    fit of the round before, until it chooses the same ones. The first round takes the axis with the
+    `infer` uses only the most likely axis of each region, so each round fits to the axes that the
+    previous fit prefers, until this choice stays the same. The first round takes the axis with the
     most consistent images.
 
     Raises:

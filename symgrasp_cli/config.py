@@ -14,8 +14,8 @@ from symgrasp_cli.settings import Assignments, Preset, SettingsFile, settings_ch
 
 TITLE = (
     "Settings of `symgrasp {stage}`: save them as a file, change values, delete unchanged lines, "
-    "and pass the file by --config. Each comment ends with the accepted values and the origin of the "
-    "default: the paper, a decision record (D.), or chosen by eye."
+    "and pass the file by --config. Each comment ends with the accepted values and the origin of "
+    "the default: the paper, a decision record (D.), or chosen by eye."
 )
 
 

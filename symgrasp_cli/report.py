@@ -128,8 +128,8 @@ def _as_json(
 def show_table(table: Table) -> None:
     """Print a table on stdout, names on the left, numbers on the right, notes below.
 
-    Columns are closer on a narrow terminal. Output to files and pipes is as wide as the table, unless
-    the environment variable COLUMNS sets the width.
+    Columns are closer on a narrow terminal. Output to files and pipes is as wide as the table,
+    unless the environment variable COLUMNS sets the width.
     """
     from rich.console import Console
     from rich.measure import Measurement

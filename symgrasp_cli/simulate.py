@@ -30,7 +30,7 @@ def simulate(
         bool,
         typer.Option(
             "--baselines",
-            help="Also try the baselines of `evaluate --baselines`: ground truth, boundary, chance.",
+            help="Also try the rows of `evaluate --baselines`: ground truth, boundary, chance.",
         ),
     ] = False,
     options: Batch,

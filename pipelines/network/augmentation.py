@@ -47,8 +47,8 @@ def scaled_copy(
     """Return the regions scaled along or across one principal direction each (Fig. 3).
 
     A plane allows any direction along or across its normal. A rotation stays a symmetry only if the
-    direction is its axis, so that both directions across the axis share one scale. A sphere becomes an
-    ellipsoid: the features of its points should not change, but its labels no longer hold.
+    direction is its axis, so that both directions across the axis share one scale. A sphere becomes
+    an ellipsoid: the features of its points should not change, but its labels no longer hold.
     """
     direction, keeps = principal_directions(batch, generators)
     limit, drawn = math.log(config.principal_scale), _uniform(generators, 2)
@@ -66,9 +66,10 @@ def scaled_copy(
 def principal_directions(batch: RegionBatch, generators: Generators) -> tuple[Tensor, Tensor]:
     """Return a random direction (B, 3) along which scaling keeps all planes and axes.
 
-    Candidates are the normals and the axis, their cross products, a random direction across a single
-    normal or axis, and for regions without both (or spheres) a random direction. Measured symmetries
-    may fit each other so badly that no direction keeps all: then the second result (B,) is false.
+    Candidates are the normals and the axis, their cross products, a random direction across a
+    single normal or axis, and for regions without both (or spheres) a random direction. Measured
+    symmetries may fit each other so badly that no direction keeps all: then the second result (B,)
+    is false.
     """
     directions = batch.direction[:, :SPHERE_SLOT]  # (B, 4, 3)
     exists = batch.existence[:, :SPHERE_SLOT] > 0

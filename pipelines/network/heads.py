@@ -29,8 +29,8 @@ class Heads(nn.Module):
     """Three MLPs: affordance (regression), existence (classification), parameters (regression).
 
     A plane's normal and an axis have no sign, so a vector that turns with the object must jump
-    somewhere. Six regressed numbers instead form a symmetric matrix, which turns without a jump; the
-    direction is its leading eigenvector.
+    somewhere. Six regressed numbers instead form a symmetric matrix, which turns without a jump;
+    the direction is its leading eigenvector.
     """
 
     def __init__(self, feature_dim: int) -> None:

@@ -92,8 +92,8 @@ def consistency_loss(
 ) -> Tensor:
     """Return L^f: mean squared distance of a point's two features, divided by their variance.
 
-    Without the division, features would become close by shrinking. The variance is over all points, a mean
-    over channels (D. 96).
+    Without the division, features would become close by shrinking. The variance is over all points,
+    a mean over channels (D. 96).
     """
     both = torch.cat([features, copy_features]).flatten(0, 1)
     return functional.mse_loss(features, copy_features) / (both.var(0).mean() + MIN_VARIANCE)

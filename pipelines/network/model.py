@@ -37,8 +37,8 @@ class PointFeatures:
     """Features of Q points of each of B clouds."""
 
     values: Tensor  # (B, Q, 128), f_j
-    # Deformation of the first level, in the frame of which symmetries are predicted; None if this is
-    # the frame of the input.
+    # Deformation of the first level, in the frame of which symmetries are predicted; None if
+    # this is the frame of the input.
     deformation: Deformation | None
 
 

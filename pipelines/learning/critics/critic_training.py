@@ -124,7 +124,7 @@ class CriticTraining:
     def load(
         self, items: Sequence[Indices], generators: Sequence[np.random.Generator]
     ) -> CriticBatch:
-        """Return the candidates `items` with some of their points, jittered and mirrored at random."""
+        """Return candidates `items` with some of their points, jittered and mirrored at random."""
         chosen, rng, config = np.concatenate(items), generators[0], self.config
         rows = self.rows[chosen]
         total = rows.points.shape[1]

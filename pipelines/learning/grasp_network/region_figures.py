@@ -54,7 +54,7 @@ class RegionFigures:
         parts["sphere_offset_m"].append(offset.norm(dim=-1))
 
     def figures(self) -> dict[str, float]:
-        """Return the figures by name: degrees, metres, shares; kinds without a true symmetry are left out."""
+        """Return the figures by name: degrees, metres, shares; without kinds that have no truth."""
         found = {name: torch.cat(parts) for name, parts in self._parts.items()}
         affordance, truth = found["affordance"], found["true_affordance"]
         right, errors = found["right"].float().mean(0), found["plane_dense_error"]
@@ -83,7 +83,7 @@ def area_under_roc(
     values: Tensor,  # (n,)
     positive: Tensor,  # (n,) bool
 ) -> float:
-    """Return the share of pairs in which the positive has the higher value; equal values count half.
+    """Return the share of pairs whose positive has the higher value; equal values count half.
 
     0.5 if there is no positive or no negative.
     """

@@ -193,7 +193,7 @@ def prefetch(
             yield result
     finally:
         stopped.set()
-        # The thread may wait for room in the queue. A stopped training does not wait for the thread.
+        # The thread may wait for room in the queue; a stopped training does not wait for it.
         while thread.is_alive() and not is_stopped():
             while not ready.empty():
                 ready.get_nowait()

@@ -49,7 +49,7 @@ def labelled_scene(
 ) -> LabelledScene:
     """Return `count` points of a frame and its labels, turned about the table's normal.
 
-    `turn`: radians. Views are those of the turned camera: each of a labelled point's 300 views has the
+    `turn`: radians. Views are those of the turned camera: each of the 300 views of a point has the
     labels of its object's nearest view.
     """
     R = rotation_about(frame["up"].astype(np.float64), turn)

@@ -114,7 +114,7 @@ def _joined_parts(parts: Sequence[Arrays]) -> Arrays:
 
 
 def _seen_part(label: HoldingCells, visible: Array, hindered: Mask, T_cam_obj: Array) -> Arrays:
-    """Return the arrays of the labelled points near `visible` (n, 3), without `hindered` candidates.
+    """Return the arrays of labelled points near `visible` (n, 3), without `hindered` candidates.
 
     `hindered`: (P, 300, 12, 4) collisions in the scene.
     """

@@ -58,7 +58,7 @@ def drawn_crops(frame: Arrays, num_points: int, rng: np.random.Generator) -> Han
 
 
 def _balanced(is_good: Mask, rng: np.random.Generator) -> Indices:
-    """Return the numbers of `HANDS_A_FRAME` hands, half of them good; some twice if hands are few."""
+    """Return the numbers of `HANDS_A_FRAME` hands, half of them good; some twice if few."""
     good, other = np.flatnonzero(is_good), np.flatnonzero(~is_good)
     halves = [each for each in (good, other) if len(each)]
     size = HANDS_A_FRAME // len(halves)

@@ -108,7 +108,7 @@ class GradientWorkers:
         return dict(zip(losses, terms.tolist(), strict=True)), total
 
     def find_fault(self, loaded: Sequence[Loaded], place: tuple[int, ...]) -> Loaded | None:
-        """Return the first micro-batch without a finite loss and gradient; None if all are finite."""
+        """Return the first micro-batch without finite loss and gradient; None if all are finite."""
         for each in loaded:
             (module,) = self._fresh_copies(1)
             losses, gradients = self._work(module, each, place)
@@ -150,7 +150,7 @@ class GradientWorkers:
     def _mean_buffers(
         self, copies: Sequence[nn.Module], shares: Sequence[float]
     ) -> list[tuple[Tensor, Tensor]]:
-        """Return the module's buffers with the mean of the copies'; integers are the first copy's."""
+        """Return the module's buffers with the mean of the copies; integers are the first's."""
         pairs = []
         for own, *theirs in zip(
             self.trainee.module.buffers(), *(each.buffers() for each in copies), strict=True

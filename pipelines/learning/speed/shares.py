@@ -73,8 +73,8 @@ def micro_batch_size(
 def generator(seed: int, *place: int) -> np.random.Generator:
     """Return the generator of one place of a training, `place` counted from 0.
 
-    The generator depends on the seed, epoch, step and item alone: a training that is resumed, or has
-    several processes or other micro-batches, draws the same numbers.
+    The generator depends on the seed, epoch, step and item alone: a training that is resumed, or
+    has several processes or other micro-batches, draws the same numbers.
     """
     # A spawn key, unlike a longer seed, distinguishes (1,) from (1, 0).
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(TRAINING, *place)))

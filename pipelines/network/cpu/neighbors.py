@@ -1,9 +1,9 @@
 """Farthest and nearest points of a cloud, compiled, by a search over all points.
 
 A row of distances is a sum over three columns. Its counts, minima and places are sums and minima of
-integers, since the bits of non-negative numbers have the same order as the numbers. A processor does
-eight or sixteen of these at once, so that a search over all points is faster than to build a tree.
-Distances are compared in single precision; of equally far points the first are taken.
+integers, since the bits of non-negative numbers have the same order as the numbers. A processor
+does eight or sixteen of these at once, so that a search over all points is faster than to build a
+tree. Distances are compared in single precision; of equally far points the first are taken.
 """
 
 import numpy as np
@@ -24,7 +24,7 @@ def fast_farthest_points(
     points: Tensor,  # (B, N, 3)
     count: int,
 ) -> Tensor:
-    """Return indices (B, count), as `network.sampling.farthest_points` does, one thread per cloud."""
+    """Return indices (B, count), as `network.sampling.farthest_points` does, a thread per cloud."""
     chosen = torch.empty(len(points), count, dtype=torch.int64)
     each_cloud(find_farthest, points.float(), chosen)
     return chosen

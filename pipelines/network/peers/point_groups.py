@@ -27,7 +27,7 @@ def first_inside(
     inside: Tensor,  # (..., N) bool
     count: int,
 ) -> tuple[Tensor, Tensor]:
-    """Return the first `count` indices (..., count) where `inside`, and whether any point is inside (...)."""
+    """Return the first `count` indices (..., count) where `inside`, and whether any is (...)."""
     place = inside.to(torch.int32).cumsum(-1)
     kept = inside & (place <= count)
     *where, index = kept.nonzero(as_tuple=True)

@@ -1,7 +1,7 @@
 """SymmetryNet: at each point of a region, its mirror images, its foot on the axis, the centre.
 
-Shi et al.: SymmetryNet, SIGGRAPH Asia 2020. Layers are as in the authors' release, with a PSPNet
-on ResNet-18 without batch norms for colours, but for 72,060 of its 24,728,510 parameters: the unused
+Shi et al.: SymmetryNet, SIGGRAPH Asia 2020. Layers are as in the authors' release, with a PSPNet on
+ResNet-18 without batch norms for colours, but for 72,060 of its 24,728,510 parameters: the unused
 classifier of PSPNet (71,189) and the weights of points by their index (1,000; here a mean) are left
 out, and the fourth mode, the sphere, is ours (129). The light variant has a small network for
 colours and heads of half the width. Points are relative to their mean; points and offsets are in
@@ -116,7 +116,7 @@ class SymmetryNet(nn.Module):
 
 
 class PSPNet(nn.Module):
-    """ResNet-18 at an eighth of the size, pooled at four scales, then enlarged to the whole size."""
+    """ResNet-18 at an eighth of the size, pooled at four scales, then enlarged to full size."""
 
     def __init__(self) -> None:
         super().__init__()

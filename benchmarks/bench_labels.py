@@ -1,4 +1,4 @@
-"""Grasp labels: candidates per CPU-second, and those of a version that tries them one by one."""
+"""Grasp labels: candidates per CPU-second, compared with a version that tries them one by one."""
 
 import time
 

@@ -24,7 +24,7 @@ from symgrasp.grasps import Grasps, ordered_grasps
 class GraspDetector:
     """Finds grasps in RGB-D frames, with models that are loaded once.
 
-    A frame always gives the same grasps: those that `symgrasp infer` writes. Several threads may
+    A frame always gives the same grasps, equal to those of `symgrasp infer`. Several threads may
     call one detector at the same time. Each call uses one core: torch, OpenCV and numpy's matrix
     products are limited to it while any call runs.
     """

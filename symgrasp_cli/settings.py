@@ -32,7 +32,7 @@ SettingsFile = Annotated[
         dir_okay=False,
         rich_help_panel=PANEL,
         help="TOML file of settings, as `symgrasp config` prints it. SYMGRASP_ variables override "
-        "the file, options and --set override both.",
+        "the file; options and --set override both.",
     ),
 ]
 Preset = Annotated[

@@ -1,4 +1,4 @@
-"""Collection of a critic's rows: the chain of `infer` on frames whose truth is known."""
+"""Collection of a critic's rows: the chain of `infer` on frames with known truth."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

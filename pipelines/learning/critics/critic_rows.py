@@ -101,7 +101,7 @@ def write(path: Path, rows: CriticRows, stamp: Stamp) -> None:
 
 
 def read_known(paths: Sequence[Path]) -> CriticRows:
-    """Read the candidates of all files whose truth is known."""
+    """Read the candidates with known truth from all files."""
     parts = []
     for path in paths:
         with open_h5(path) as file:

@@ -49,7 +49,7 @@ def fit_axis_critic(rows: CriticRows) -> AxisCritic:
     for name, part in (("axes", rotation), ("spheres", sphere)):
         if not 0.0 < (part.truth.mean() if len(part) else 0.0) < 1.0:
             found = f"{int(part.truth.sum())} of {len(part)} are true"
-            raise ValueRangeError(f"candidate {name}", found, "some true and some false ones")
+            raise ValueRangeError(f"candidate {name}", found, "some true and some false")
     regression = logistic_regression(sphere.candidates.astype(np.float64), sphere.truth)
     critic = AxisCritic(np.array([0.0, 0.0, 0.0, 1.0]), regression)
     before: Indices | None = None

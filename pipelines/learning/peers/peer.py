@@ -89,7 +89,7 @@ def read_peer_frame(path: Path, row: int) -> Arrays:
 
 
 def labelled(keys: FileRows, name: str) -> FileRows:
-    """Return the frames whose array `name` of labels is not empty.
+    """Return the frames with a non-empty array `name` of labels.
 
     Raises:
         ValueRangeError: all frames lack labels.

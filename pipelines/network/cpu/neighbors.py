@@ -47,7 +47,7 @@ def fast_three_nearest(
 ) -> tuple[Tensor, Tensor]:
     """Return indices and squared distances (B, M, 3) of the nearest points.
 
-    If there are fewer than three points, the missing ones are any point, infinitely far.
+    If there are fewer than three points, any point stands for the missing ones, infinitely far.
     """
     index = queries.new_empty(*queries.shape[:2], 3, dtype=torch.int64)
     squared = queries.new_empty(index.shape)
@@ -110,7 +110,7 @@ def find_three_nearest(
     """Set `places` (m, 3) to the points (n, 3) nearest to each query, and `squared_gaps` likewise.
 
     Distances are compared in single precision and returned in the precision of the points. If n is
-    less than 3, the missing points are any point, infinitely far.
+    less than 3, any point stands for the missing ones, infinitely far.
     """
     single, queried = support.astype(np.float32), queries.astype(np.float32)
     xs, ys, zs = single[:, 0].copy(), single[:, 1].copy(), single[:, 2].copy()

@@ -20,7 +20,7 @@ METRICS = {
     "symmetry_ap sphere": "AP sphere",
     "mask_ap50": "mask AP50",
 }
-FULL, PLAIN, TOLD = "full", "plain", "told-in-camera"
+FULL, PLAIN, IN_CAMERA = "full", "plain", "told-in-camera"
 NEITHER = "no-pift-no-siamese"
 UNFITTED = ("--no-grounding", "--rank-by", "eq8")  # the paper's use of a network's output
 NOTE = """\
@@ -72,14 +72,14 @@ ABLATIONS = (  # the paper's claims first: the table grows in this order
         infer=UNFITTED,
         network="no-siamese",
     ),
-    Row(TOLD, "PIFT, seen and told in the camera frame", train=("--no-canonical-frame",)),
+    Row(IN_CAMERA, "PIFT, input and output in the camera frame", train=("--no-canonical-frame",)),
     Row(
-        f"plain-{TOLD}",
-        "as the paper, seen and told in the camera frame",
+        f"plain-{IN_CAMERA}",
+        "as the paper, input and output in the camera frame",
         None,
         PLAIN,
         infer=UNFITTED,
-        network=TOLD,
+        network=IN_CAMERA,
     ),
     Row("no-regions", "no symmetric region segmentation", (0.350, 0.257), labels="uncut"),
     Row("no-refinement", "no dataset enhancement", (0.355, 0.240), labels="unrefined"),

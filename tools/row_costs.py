@@ -32,7 +32,7 @@ HEADER = [
     "hours of training",
 ]
 NOTE = (
-    "Seconds: the median of `infer`, on the machine, with other work, of the run. "
+    "Seconds: the median of `infer` in its run, slower with other work on the machine. "
     "Parameters, steps and hours: of the row's own network; steps and hours if its weights or its "
     "checkpoint contain them."
 )

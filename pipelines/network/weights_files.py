@@ -64,7 +64,7 @@ def fill(module: nn.Module, tensors: dict[str, Tensor], path: Path) -> None:
 
 
 def widened(tensors: Mapping[str, Tensor], module: nn.Module) -> dict[str, Tensor]:
-    """Return weights of a network with fewer inputs, for `module` with the same outputs.
+    """Return weights of a network with fewer inputs, padded so that `module` has its outputs.
 
     The additional inputs of `module` are the last of a layer and get weights of zero.
     """

@@ -4,9 +4,9 @@ BIN := .venv/bin
 SYMGRASP := $(BIN)/symgrasp
 EVAL := build/eval
 evaluated = $1/grasps.h5 --dataset $1/root --out $1/report.json --success $1/success.json --baselines
-# The seed of the training set: its seen objects are the trained ones, its scenes never are.
+# With the seed of the training set: seen objects are training objects, scenes are always new.
 SET_eval := --split seen,similar,novel --scenes-per-split 6 --views 4 --objects 24 --seed 0
-# Seeds 700 to 799 are for decisions, 900 to 999 are sealed; see docs/experiments/data-sets.md.
+# Seeds 700 to 799 are for decisions, seeds 900 to 999 are sealed; see docs/experiments/data-sets.md.
 SET_dev := --split similar,novel --families wide --scenes-per-split 24 --views 4 --objects 96 \
 	--sensor mixed --surroundings plain,plain,bin,tray,wall,edge --seed 700
 SET_sealed := --split similar,novel --families sealed --scenes-per-split 160 --views 2 --objects 650 \
@@ -21,7 +21,7 @@ help: ## list the targets
 
 install: .venv/developed ## make .venv and install symgrasp with its test tools into it
 
-# Modules are compiled when first imported: most of those installed never are.
+# Modules are compiled at their first import; most installed modules are never imported.
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --no-compile --editable
 
 .venv/bin/python:
@@ -39,7 +39,7 @@ demo: .venv/installed ## grasps on the bundled frames, pictures in build/demo
 	$(SYMGRASP) infer pipelines/weights/frames --out build/demo/grasps.h5 --overlays build/demo --overwrite
 	@echo "pictures: build/demo/*.png"
 
-test: install ## all tests, on all cores that there is memory for
+test: install ## all tests, on as many cores as memory allows
 	$(BIN)/python -m pytest -q -n auto --dist worksteal
 
 check: install docs ## format, lint, types, import layers, documentation
@@ -55,12 +55,12 @@ eval: install $(EVAL)/report.json ## tables I, II, III, symmetry and mask AP in 
 	$(SYMGRASP) evaluate $(call evaluated,$(EVAL))
 	@echo "report: $(EVAL)/report.html"
 
-dev: install build/dev/report.json ## the same to decide on: other objects, bins, trays, walls
+dev: install build/dev/report.json ## the same for decisions: other objects, bins, trays, walls
 	$(SYMGRASP) evaluate $(call evaluated,build/dev)
 	@echo "report: build/dev/report.html"
 
-sealed: install ## the same to be judged by, once: >= 1,000 objects, families never trained on; about 2 h on two cores
-	@test ! -e build/sealed/report.json || { echo "sealed has been asked: build/sealed/report.html"; exit 1; }
+sealed: install ## the same for one final evaluation: >= 1,000 objects, families never trained on; about 2 h on two cores
+	@test ! -e build/sealed/report.json || { echo "sealed is evaluated already: build/sealed/report.html"; exit 1; }
 	$(MAKE) build/sealed/report.json
 
 build/%/dataset.made: | install
@@ -69,8 +69,8 @@ build/%/dataset.made: | install
 	$(SYMGRASP) refine-grasps build/$*/root --workers 2
 	touch $@
 
-# What an interrupted run finished frame by frame or scene by scene is taken up again; what was made
-# from older inputs, or by older code, is not.
+# An interrupted run resumes from its finished frames or scenes; outputs of older inputs or older code
+# are made again.
 build/%/grasps.h5: build/%/dataset.made $(WEIGHTS) $(wildcard pipelines/*.py pipelines/*/*.py)
 	rm -f $@
 	$(SYMGRASP) infer build/$*/root --out $@ --timings
@@ -85,7 +85,7 @@ build/%/report.json: build/%/grasps.h5 build/%/success.json
 
 .PRECIOUS: build/%/dataset.made build/%/grasps.h5 build/%/success.json
 
-# The same steps a row, whatever the machine; three seeds take three times as long.
+# Each row has the same number of steps on every machine; three seeds take three times as long.
 ABLATIONS := build/ablations
 SEEDS := 0
 ROWS :=
@@ -93,7 +93,7 @@ STEPS := 4000
 DETECTOR_STEPS := 1200
 SCENES := 60
 OBJECTS := 72
-ablations: install $(EVAL)/dataset.made ## table IV, each part left out in turn, and build/ablations/ablations.md
+ablations: install $(EVAL)/dataset.made ## table IV, each part left out in turn: build/ablations/ablations.md
 	$(BIN)/python -m benchmarks.ablations $(EVAL)/root --out $(ABLATIONS) --seeds $(SEEDS) --rows '$(ROWS)' \
 		--steps $(STEPS) --detector-steps $(DETECTOR_STEPS) --scenes $(SCENES) --objects $(OBJECTS)
 	@echo "table: $(ABLATIONS)/ablations.md"
@@ -102,7 +102,7 @@ SIZE := full
 weights: install ## all default weights from nothing, in build/weights; SIZE=small in hours, tiny in minutes
 	SYMGRASP=$(SYMGRASP) tools/make_weights.sh build/weights/$(SIZE) $(SIZE)
 
-weights-paper: install ## both networks as the paper prints them, in build/weights-paper; COCO=FILE to start from
+weights-paper: install ## both networks as printed in the paper, in build/weights-paper; start weights COCO=FILE
 	SYMGRASP=$(SYMGRASP) COCO=$(COCO) tools/make_weights.sh build/weights-paper/$(SIZE) $(SIZE) paper
 
 DATASET :=
@@ -113,10 +113,10 @@ BENCH :=
 bench: install ## speeds of this machine, stage by stage
 	$(BIN)/python -m benchmarks $(BENCH)
 
-golden: install ## write the golden files anew; review the difference
+golden: install ## write the golden files again; review the difference
 	$(BIN)/python -m pytest -q tests/cli --golden
 	$(BIN)/python tools/golden_frame.py
 	$(BIN)/python tools/demo_picture.py
 
-clean: ## remove what was built, not .venv
+clean: ## remove build outputs, not .venv
 	rm -rf build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

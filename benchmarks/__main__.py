@@ -1,4 +1,4 @@
-"""Print all speeds, or those named, as one Markdown table: `python -m benchmarks [NAME ...]`."""
+"""Print all or the named speeds as one Markdown table: `python -m benchmarks [NAME ...]`."""
 
 import argparse
 import sys
@@ -35,12 +35,12 @@ BENCHES = {
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the benches named, or every one, then print."""
+    """Run the named benches, or all, then print."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",
-        description="Print all speeds, or those named, as one Markdown table.",
+        description="Print all or the named speeds as one Markdown table.",
     )
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(BENCHES)}")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"one of {', '.join(BENCHES)}")
     names = parser.parse_args(arguments).names
     if unknown := [name for name in names if name not in BENCHES]:
         parser.error(f"no bench is called {unknown[0]}; there are {', '.join(BENCHES)}")

@@ -1,6 +1,6 @@
-"""The rows of Table IV, and how the reports of several seeds become one table.
+"""The rows of Table IV, and the table made from the reports of several seeds.
 
-Beside each of ours stands the paper's, measured on GraspNet-1Billion.
+Next to each of our figures is the paper's, measured on GraspNet-1Billion.
 """
 
 import statistics
@@ -20,29 +20,29 @@ METRICS = {
     "symmetry_ap sphere": "AP sphere",
     "mask_ap50": "mask AP50",
 }
-FULL, PLAIN, TOLD = "full", "plain", "told-in-camera"
+FULL, PLAIN, IN_CAMERA = "full", "plain", "told-in-camera"
 NEITHER = "no-pift-no-siamese"
-UNFITTED = ("--no-grounding", "--rank-by", "eq8")  # what the paper does with a network's output
+UNFITTED = ("--no-grounding", "--rank-by", "eq8")  # the paper's use of a network's output
 NOTE = """\
 Paper: GraspNet-1Billion, seen and unseen. Ours: the benchmark of `make eval`; an object without a
 grasp counts as quality 0. All rows have the same training scenes, objects, steps and seeds, and
-the same detector but for the one without segmentation, whose own was trained alike.
+the same detector; the row without segmentation has its own, trained in the same way.
 """
 
 
 @dataclass(frozen=True)
 class Row:
-    """One row: what it leaves out.
+    """One row of the table, with the part that it leaves out.
 
     Attributes:
-        key: of its files.
-        name: of the table.
+        key: key in the names of files.
+        name: name in the table.
         published: the paper's grasp quality, seen and unseen.
-        base: key of an earlier row that it is compared with; None for the first.
+        base: key of the earlier row of the comparison; None for the first row.
         labels: folder of the labels that detector and network are trained on.
         train: options of `train`.
         infer: options of `infer`.
-        network: key of the row whose network it takes; None for one of its own.
+        network: key of the row with the network; None for a network of this row.
     """
 
     key: str
@@ -56,7 +56,7 @@ class Row:
 
 
 NO_PIFT, NO_SIAMESE = (0.337, 0.092), (0.364, 0.148)
-ABLATIONS = (  # those that answer the paper's claims first: the table grows in this order
+ABLATIONS = (  # the paper's claims first: the table grows in this order
     Row(FULL, "full method", (0.382, 0.297), None),
     Row(PLAIN, "as the paper decodes and ranks", (0.382, 0.297), infer=UNFITTED, network=FULL),
     Row("no-pift", "no PIFT", NO_PIFT, train=("--no-pift",)),
@@ -72,14 +72,14 @@ ABLATIONS = (  # those that answer the paper's claims first: the table grows in 
         infer=UNFITTED,
         network="no-siamese",
     ),
-    Row(TOLD, "PIFT, seen and told in the camera frame", train=("--no-canonical-frame",)),
+    Row(IN_CAMERA, "PIFT, input and output in the camera frame", train=("--no-canonical-frame",)),
     Row(
-        f"plain-{TOLD}",
-        "as the paper, seen and told in the camera frame",
+        f"plain-{IN_CAMERA}",
+        "as the paper, input and output in the camera frame",
         None,
         PLAIN,
         infer=UNFITTED,
-        network=TOLD,
+        network=IN_CAMERA,
     ),
     Row("no-regions", "no symmetric region segmentation", (0.350, 0.257), labels="uncut"),
     Row("no-refinement", "no dataset enhancement", (0.355, 0.240), labels="unrefined"),
@@ -94,7 +94,7 @@ ABLATIONS = (  # those that answer the paper's claims first: the table grows in 
     Row("no-grounding", "no fit to the seen surface", infer=UNFITTED[:1], network=FULL),
     Row("eq8", "ranked by Eq. 8", infer=UNFITTED[1:], network=FULL),
     Row("no-depth-regions", "no regions from depth", infer=("--regions", "detector"), network=FULL),
-    Row(  # does Siamese training bring more where PIFT does not undo scalings already (D. 100)?
+    Row(  # does Siamese training gain more if PIFT does not undo scalings already (D. 100)?
         NEITHER,
         "no PIFT, no Siamese training",
         base="no-pift",
@@ -111,10 +111,10 @@ ABLATIONS = (  # those that answer the paper's claims first: the table grows in 
 
 
 def rows_named(keys: Sequence[str]) -> tuple[Row, ...]:
-    """Return the rows of `keys`, with those that they are compared with or take a network from.
+    """Return the rows of `keys`, with the rows of their comparisons and networks.
 
     Raises:
-        UnknownNameError: a key is of no row.
+        UnknownNameError: no row has this key.
     """
     known = {row.key: row for row in ABLATIONS}
     wanted, open_keys = {FULL}, list(keys)
@@ -133,12 +133,12 @@ def summary(
     compared: Mapping[str, Sequence[Any]],
     seeds: Sequence[int],
 ) -> dict[str, Any]:
-    """Return the table as a JSON object, of the rows that have reports.
+    """Return the table of the rows that have reports, as a JSON object.
 
     Args:
-        reports: of a row's key, the `report.json` of each seed.
-        compared: of the key of a row with a base, the `compare.json` of each seed, base first.
-        seeds: of the trainings.
+        reports: key of a row -> the `report.json` of each seed.
+        compared: key of a row with a base -> the `compare.json` of each seed, base first.
+        seeds: seeds of the trainings.
     """
     rows = {}
     for row in (row for row in ABLATIONS if row.key in reports):
@@ -156,7 +156,7 @@ def summary(
 
 
 def _value(figures: Mapping[str, Any] | None, metric: str) -> float | None:
-    """Return a metric of a report, None where there is none."""
+    """Return a metric of a report; None if the report lacks it."""
     value: Any = figures
     for name in metric.split():
         value = value.get(name) if isinstance(value, Mapping) else None
@@ -164,9 +164,9 @@ def _value(figures: Mapping[str, Any] | None, metric: str) -> float | None:
 
 
 def _difference(compared: Sequence[Any], split: str) -> dict[str, Any]:
-    """Return by how much the quality of a row is above its base's, of each seed.
+    """Return the difference of a row's quality to its base's for each seed.
 
-    There are none of a split that the benchmark does not have.
+    A split that the benchmark lacks has no differences.
     """
     known = [one["figures"][split] for one in compared if split in one["figures"]]
     each = [figures[QUALITY]["differences"][0] for figures in known]
@@ -185,7 +185,7 @@ def _over_seeds(values: Sequence[float | None]) -> dict[str, Any]:
 
 
 def ablation_page(found: Mapping[str, Any]) -> str:
-    """Return the object of `summary` as a page: qualities, differences, the other metrics."""
+    """Return the result of `summary` as a page: qualities, differences, other metrics."""
     rows = found["rows"]
     heads, qualities = _qualities(rows)
     differences = [
@@ -213,7 +213,7 @@ def ablation_page(found: Mapping[str, Any]) -> str:
 
 
 def report_table(found: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the qualities of the object of `summary` as a table of `symgrasp evaluate --table`."""
+    """Return the qualities in the result of `summary` as a table of `symgrasp evaluate --table`."""
     heads, qualities = _qualities(found["rows"])
     note = f"{NOTE}{_spread_note(len(found['seeds']))}".replace("\n", " ")
     title = "Table IV. Grasp quality with one part left out at a time"
@@ -237,13 +237,13 @@ def _spread_note(count: int) -> str:
     if count > 1:
         return f"Means of {count} seeds, ± their standard deviation."
     return (
-        "One seed; intervals: 95 %, paired bootstrap over frames, so without the spread between\n"
-        "trainings, which more seeds would show."
+        "One seed; intervals: 95 %, paired bootstrap over frames, without the spread between\n"
+        "trainings, which needs more seeds."
     )
 
 
 def _published(row: Mapping[str, Any], rows: Mapping[str, Any] | None = None) -> tuple[str, str]:
-    """Return the paper's seen and unseen, as differences to the row's base if `rows` is given."""
+    """Return the paper's seen and unseen quality, or differences to the base if `rows` is given."""
     base = (0.0, 0.0) if rows is None else rows[row["base"]]["published"]
     if row["published"] is None or (rows is not None and row["published"] == base):
         return "-", "-"
@@ -266,7 +266,7 @@ def _above(figures: Mapping[str, Any]) -> str:
     if figure["spread"] is not None:
         return f"{figure['mean']:+.3f} ± {figure['spread']:.3f}"
     low, high = figure["intervals"][0]
-    if low is None or high is None:  # of one frame
+    if low is None or high is None:  # intervals of one frame
         return f"{figure['mean']:+.3f}"
     return f"{figure['mean']:+.3f} ({low:+.3f} to {high:+.3f})"
 

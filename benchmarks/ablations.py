@@ -2,9 +2,9 @@
 
 Makes a training set, trains two detectors and, for each row and seed, a network, infers and
 evaluates on ROOT, the benchmark of `make eval`, and writes OUT/ablations.json, OUT/table.json (for
-`evaluate --table`) and OUT/ablations.md, anew whenever a row has all its seeds. All work is done by
-`symgrasp` itself. What is finished is not done again: each step leaves a record of its command, and
-a step that was interrupted is taken up where its own command takes it up.
+`evaluate --table`) and OUT/ablations.md again after each row has all its seeds. Commands of
+`symgrasp` do all the work. Finished steps are not repeated: each step leaves a record of its
+command, and an interrupted step resumes as its command does.
 """
 
 import argparse
@@ -35,36 +35,36 @@ from pipelines.storage.provenance import digest, make_stamp
 SYMGRASP = (sys.executable, "-c", "from symgrasp_cli.main import main; main()")
 REFINED, UNREFINED, UNCUT = "refined", "unrefined", "uncut"
 FILES = ("models", "scenes", "grasp_label", "objects.json")
-SHARED = {REFINED: (), UNREFINED: (*FILES, "symmetry"), UNCUT: FILES}  # with the first root
+SHARED = {REFINED: (), UNREFINED: (*FILES, "symmetry"), UNCUT: FILES}  # shared with the first root
 BATCH, DETECTOR_BATCH = 12, 4
-DECAYS = 20  # times that the learning rate falls by a tenth, to 0.12 of what it was
-GOES_ON = "the same command goes on from there"
+DECAYS = 20  # drops of the learning rate by a tenth, to 0.12 of its start value
+GOES_ON = "the same command continues from there"
 Run = Callable[[Sequence[str]], None]
 Count = Callable[[Path, int], int]
 
 
 @dataclass(frozen=True)
 class Budget:
-    """What every row is given."""
+    """Effort spent on every row."""
 
     scenes: int = 60
     views: int = 8
     objects: int = 72
-    steps: int = 4000  # of the network, 12 regions each
-    detector_steps: int = 1200  # of 4 frames each
+    steps: int = 4000  # steps of the network, 12 regions each
+    detector_steps: int = 1200  # steps of the detector, 4 frames each
     workers: int = 2
 
 
 @dataclass(frozen=True)
 class Step:
-    """One command of symgrasp; its record is called `name`."""
+    """One command of symgrasp, with a record called `name`."""
 
     name: str
     command: tuple[str, ...]
 
     @property
     def output(self) -> Path:
-        """What it writes, or the dataset that it writes into."""
+        """Output of the command, or the dataset that it writes into."""
         is_named = "--out" in self.command
         return Path(self.command[self.command.index("--out") + 1 if is_named else 1])
 
@@ -72,8 +72,8 @@ class Step:
 class Ablations:
     """The steps to a table, one after the other.
 
-    `root`: of the benchmark. `count_regions`: of a packed folder and a seed, how many regions
-    `train` does not hold out. `chosen`: the rows to make.
+    `root`: root of the benchmark. `count_regions`: from a packed folder and a seed to the number of
+    training regions. `chosen`: the rows to make.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class Ablations:
         self.count_regions, self.chosen = count_regions, chosen
 
     def rows(self, seeds: Sequence[int]) -> Iterator[tuple[Row, Iterator[Step]]]:
-        """Yield each row and what is to be done for it; steps may look at the files before them."""
+        """Yield each row and its steps; a step may read the files of earlier steps."""
         for row in self.chosen:
             yield row, self._steps(row, seeds)
 
@@ -99,19 +99,19 @@ class Ablations:
             yield from self._row(row, seed)
 
     def folder(self, seed: int) -> Path:
-        """Return where all that is trained with `seed` lies."""
+        """Return the folder of all trainings with `seed`."""
         return self.out / f"seed{seed}"
 
     def report(self, row: Row, seed: int) -> Path:
-        """Return where the report of a row lies."""
+        """Return the path of the report of a row."""
         return self.folder(seed) / row.key / "report.json"
 
     def compared(self, row: Row, seed: int) -> Path:
-        """Return where the comparison of a row with its base lies."""
+        """Return the path of the comparison of a row with its base."""
         return self.folder(seed) / row.key / "compare.json"
 
     def is_finished(self, row: Row, seeds: Sequence[int]) -> bool:
-        """Return whether all that the table needs of a row is there."""
+        """Return whether all files that the table needs for a row exist."""
         files = [self.report(row, seed) for seed in seeds]
         if row.base is not None:
             files += [self.compared(row, seed) for seed in seeds]
@@ -125,7 +125,7 @@ class Ablations:
         kind = ("--split", "train", "--sensor", "mixed", "--no-collision-labels")
         scenes = ("--scenes-per-split", budget.scenes, "--views", budget.views)
         objects = ("--objects", budget.objects, "--size", "640x480", "--grasp-points", 48)
-        # Of the benchmark's own seed, so that its split `seen` is of trained objects.
+        # The benchmark's seed, so that the objects of its split `seen` are training objects.
         drawn = (*kind, *scenes, *objects, "--seed", 0)
         yield self._step("synthesize", "synthesize", root, *drawn, *workers)
         for labels, shared in SHARED.items():
@@ -140,7 +140,7 @@ class Ablations:
             yield self._step(f"pack {labels}", "pack", root, *packed, *workers)
 
     def packed(self, labels: str) -> Path:
-        """Return where the packed regions with `labels` lie."""
+        """Return the folder of the packed regions with `labels`."""
         return self.out / "packed" / labels
 
     def _row(self, row: Row, seed: int) -> Iterator[Step]:
@@ -164,7 +164,7 @@ class Ablations:
             yield self._step(f"compare {name}", "compare", base, report, *out)
 
     def _detector(self, labels: str, out: Path) -> Step:
-        """Return the training of a detector; one for all seeds, it is not what rows are about."""
+        """Return the training of a detector, one for all seeds, since rows compare networks."""
         frames = self.budget.scenes * self.budget.views * 9 // 10  # a tenth is held out
         lasting = epochs(self.budget.detector_steps, frames // DETECTOR_BATCH)
         options = ("--batch-size", DETECTOR_BATCH, "--workers", self.budget.workers, *lasting)
@@ -200,7 +200,7 @@ def epochs(steps: int, steps_per_epoch: int) -> tuple[object, ...]:
 
 
 def link(source: Path, root: Path, names: Sequence[str]) -> None:
-    """Make `root` a dataset that shares what `names` say with `source`."""
+    """Make `root` a dataset that shares the files and folders `names` with `source`."""
     root.mkdir(parents=True, exist_ok=True)
     for name in names:
         if not (root / name).is_symlink():
@@ -208,17 +208,17 @@ def link(source: Path, root: Path, names: Sequence[str]) -> None:
 
 
 def perform(steps: Iterator[Step], records: Path, run: Run) -> None:
-    """Run the steps that have no record yet, or whose output is gone.
+    """Run the steps without a record, or without their output.
 
     Raises:
-        SymgraspError: a step's record is of another command; or a command failed.
+        SymgraspError: the record of a step has another command, or a command failed.
     """
     for step in steps:
         record = records / f"{step.name}.json"
         if record.is_file():
             if read_json(record).get("command") != list(step.command):
                 raise SymgraspError(
-                    f"{record} is of another command than `symgrasp {shlex.join(step.command)}`; "
+                    f"{record} has another command than `symgrasp {shlex.join(step.command)}`; "
                     f"give the same budget, or name another --out than {records.parent}"
                 )
             if step.output.exists():
@@ -232,7 +232,7 @@ def perform(steps: Iterator[Step], records: Path, run: Run) -> None:
 
 
 def make_table(work: Ablations, seeds: Sequence[int], run: Run) -> str:
-    """Do all that is to be done, writing the table whenever a row is finished; return it.
+    """Do all steps, write the table after each finished row, and return it.
 
     Rows that an earlier run finished with these seeds stay in the table.
     """
@@ -244,26 +244,26 @@ def make_table(work: Ablations, seeds: Sequence[int], run: Run) -> str:
 
 
 def cpu_seconds() -> float:
-    """Return how long finished child processes kept processors busy."""
+    """Return the processor seconds of finished child processes."""
     times = os.times()
     return times.children_user + times.children_system
 
 
 def run_symgrasp(command: Sequence[str]) -> None:
-    """Run a command of symgrasp in a process of its own; its tables are not shown."""
+    """Run a command of symgrasp in a separate process, without its tables."""
     with subprocess.Popen([*SYMGRASP, *command], stdout=subprocess.DEVNULL) as process:
         try:
             code = process.wait()
         except BaseException:
             process.terminate()
-            process.wait()  # it leaves a checkpoint, and nothing goes on behind our back
+            process.wait()  # it leaves a checkpoint, and no process remains
             raise
     if code:
         raise SymgraspError(f"`symgrasp {command[0]}` ended with {code}; {GOES_ON}")
 
 
 def trained_regions(packed: Path, seed: int) -> int:
-    """Return how many regions of `packed` a training with `seed` does not hold out."""
+    """Return the number of regions of `packed` that a training with `seed` does not hold out."""
     from pipelines.configs import TrainConfig  # noqa: PLC0415 - torch is slow to load
     from pipelines.train import region_sets  # noqa: PLC0415
 
@@ -272,7 +272,7 @@ def trained_regions(packed: Path, seed: int) -> int:
 
 
 def write_tables(work: Ablations, rows: Sequence[Row], seeds: Sequence[int]) -> str:
-    """Write ablations.json, table.json and ablations.md of the finished rows; return the last."""
+    """Write ablations.json, table.json and ablations.md of the finished rows; return the page."""
     reports = {row.key: [work.report(row, seed) for seed in seeds] for row in rows}
     based = [row for row in rows if row.base is not None]
     compared = {row.key: [work.compared(row, seed) for seed in seeds] for row in based}
@@ -296,8 +296,8 @@ def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.ablations")
     parser.add_argument("root", type=Path, help="the benchmark, with labels")
     parser.add_argument("--out", type=Path, default=Path("build/ablations"))
-    parser.add_argument("--seeds", default="0", help="of the trainings, as 0,1,2")
-    parser.add_argument("--rows", default="", help="keys as no-pift,eq8, and what they rest on")
+    parser.add_argument("--seeds", default="0", help="seeds of the trainings, as 0,1,2")
+    parser.add_argument("--rows", default="", help="keys as no-pift,eq8; needed rows are added")
     for name, default in vars(Budget()).items():
         option = f"--{name.replace('_', '-')}"
         parser.add_argument(option, type=int, default=default, help=f"default {default}")
@@ -308,7 +308,7 @@ def seeds_of(text: str) -> list[int]:
     """Return the seeds of `0,1,2`, each once.
 
     Raises:
-        ValueRangeError: it is something else.
+        ValueRangeError: `text` has another form.
     """
     parts = [part.strip() for part in text.split(",")]
     if not all(part.isdecimal() for part in parts):

@@ -1,8 +1,8 @@
-"""The best that PointNetGPD's candidates allow: chosen by their true quality, not by the network.
+"""Upper bound of PointNetGPD: candidates chosen by true quality, not by the network.
 
     python -m benchmarks.baseline_oracles ROOT
 
-A low figure says that the candidates hold no good grasp; the rest is the network's.
+A low figure means that there is no good candidate; the remaining loss is the network's.
 """
 
 import sys
@@ -28,7 +28,7 @@ from pipelines.metrics.grasp_verdicts import qualities
 
 
 def true_qualities(grasps: GraspPoses, truth: FrameTruth, gripper: Gripper) -> Array:
-    """Return (n,) the quality of each grasp at the object whose surface is nearest to it."""
+    """Return (n,) the quality of each grasp at the object with the surface nearest to the grasp."""
     scene, ids = truth.scene, sorted(truth.scene.poses)
     away = [
         scene.objects[i].tree.query(transform_points(invert(scene.poses[i]), grasps.translation))[0]

@@ -1,4 +1,4 @@
-"""Seconds of annotate-symmetry on meshes of about 10,000 triangles, and what they go into."""
+"""Seconds of annotate-symmetry on meshes of about 10,000 triangles, in total and by phase."""
 
 import os
 import statistics
@@ -16,14 +16,14 @@ from pipelines.mesh_symmetry.detection.symmetry_detection import analyse
 from pipelines.mesh_symmetry.parts.symmetric_parts import symmetric_regions
 from pipelines.synthesis.objects.families import catalogue
 
-FAMILIES = tuple(catalogue.FAMILIES)[::3]  # every third, so that none is chosen
+FAMILIES = tuple(catalogue.FAMILIES)[::3]  # every third, a choice without a bias
 NUM_FACES, MOST_FACES = 10000, 12000
 CONFIG = AnnotateSymmetryConfig()
 Each = TypeVar("Each")
 
 
 def measure() -> list[Measurement]:
-    """Return median CPU seconds a mesh: of all that the command does with it, and of the phases."""
+    """Return median CPU seconds per mesh: of the whole command, and of its phases."""
     meshes = [_mesh(family) for family in FAMILIES]
     found = [analyse(mesh, CONFIG, _rng()) for mesh in meshes]
     everything = _each(lambda mesh: annotate(mesh, "", CONFIG, _rng()), meshes)
@@ -52,7 +52,7 @@ def _each(step: Callable[[Each], object], items: list[Each]) -> list[float]:
 
 
 def _cpu_seconds() -> float:
-    return sum(os.times()[:4])  # of children too: coacd runs in a process of its own
+    return sum(os.times()[:4])  # with children: coacd runs in a separate process
 
 
 def _mesh(family: str) -> Mesh:

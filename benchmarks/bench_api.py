@@ -1,4 +1,4 @@
-"""`GraspDetector` on the bundled frames, warm, beside the command `infer` in a new process."""
+"""`GraspDetector` on the bundled frames, warm, and the command `infer` in a new process."""
 
 import os
 import subprocess
@@ -18,7 +18,7 @@ NAMES = ("table_1", "table_2", "table_3", "table_4")
 
 
 def measure() -> list[Measurement]:
-    """Return the seconds a frame on the CPU, and on the GPU where there is one."""
+    """Return the seconds per frame on the CPU, and on the GPU if there is one."""
     devices = ["cpu", "cuda"] if torch.cuda.is_available() else ["cpu"]
     try:
         return [line for device in devices for line in _on_device(device)]

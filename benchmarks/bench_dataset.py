@@ -1,4 +1,4 @@
-"""Making data: labels of an object, symmetries of a mesh, frames packed a second."""
+"""Speeds of making data: labels of an object, symmetries of a mesh, frames packed per second."""
 
 import tempfile
 from pathlib import Path
@@ -84,12 +84,12 @@ def _packed_reads(root: GraspNetRoot, folder: Path) -> Measurement:
     reader, size = PackedReader(folder), sum(path.stat().st_size for path in folder.iterdir())
     order = np.random.default_rng(0).integers(len(reader), size=NUM_READS).tolist()
     seconds = seconds_of(lambda: [reader[index] for index in order])
-    note = f"random order, one process, {size / len(reader):,.0f} bytes a region"
+    note = f"random order, one process, {size / len(reader):,.0f} bytes per region"
     return Measurement("packed regions read", NUM_READS / seconds, "1/s", note)
 
 
 def _label_size() -> str:
-    return "49.8 million an object of GraspNet-1Billion"
+    return "49.8 million per object of GraspNet-1Billion"
 
 
 def _scene_note() -> str:

@@ -1,7 +1,7 @@
-"""`evaluate` on 2,000 frames: frames a second, and how much memory that takes.
+"""`evaluate` on 2,000 frames: frames per second, and peak memory.
 
-A small scene is made, and its frames stand in eight scenes of 250 views as links: what is read
-and judged is as much as for so many different frames.
+A small scene is made, and links to its frames form eight scenes of 250 views: the amount of reading
+and scoring is that of 2,000 different frames.
 """
 
 import os
@@ -61,7 +61,7 @@ print(len(done), time.process_time() - started, peak.split()[1])
 
 
 def measure() -> list[Measurement]:
-    """Return speed and peak memory of one process; nothing where the system does not say."""
+    """Return speed and peak memory of one process; no values if the system does not report them."""
     frames = NUM_SCENES * VIEWS_A_SCENE
     note = (
         f"{frames:,} frames of {NUM_OBJECTS} objects, {SMALL.width} x {SMALL.height}, one process"
@@ -103,7 +103,7 @@ def _many_frames(folder: Path) -> tuple[Path, Path]:
 
 
 def _link_scene(source: SceneFiles, copy: SceneFiles) -> None:
-    """Fill `copy` with NUM_VIEWS views that are links to those of `source` in turn."""
+    """Fill `copy` with `VIEWS_A_SCENE` views that are links to the views of `source` in turn."""
     for kind in KINDS:
         copy.frame(0).path(kind).parent.mkdir(parents=True)
         for view in range(VIEWS_A_SCENE):

@@ -1,4 +1,4 @@
-"""`infer` on the bundled frames: seconds a frame over a folder, by step, and the floor."""
+"""`infer` on the bundled frames: seconds per frame over a folder, by step, and a lower bound."""
 
 import tempfile
 import time
@@ -38,12 +38,12 @@ STEPS: dict[str, tuple[Any, str]] = {
 
 @dataclass
 class StepClock:
-    """Adds up the processor seconds of steps; the time of one core, whatever else runs."""
+    """Sum of the processor seconds of steps: the time of one core, independent of other work."""
 
     seconds: dict[str, float] = field(default_factory=dict)
 
     def timed(self, step: str, call: Callable[..., Any]) -> Callable[..., Any]:
-        """Return `call`, its seconds added to those of `step`."""
+        """Return `call` with its seconds added to the sum of `step`."""
 
         def timed_call(*args: Any, **kwargs: Any) -> Any:  # noqa: ANN401 - as `call`
             started = time.process_time()
@@ -57,20 +57,20 @@ class StepClock:
 
 @dataclass(frozen=True)
 class TimedDetector:
-    """A detector whose seconds are added up."""
+    """A detector with its seconds added up."""
 
     detect: Callable[..., Any]
 
 
 @dataclass(frozen=True)
 class TimedPredictor:
-    """A predictor whose seconds are added up."""
+    """A predictor with its seconds added up."""
 
     predict: Callable[..., Any]
 
 
 def measure() -> list[Measurement]:
-    """Return the speed on the CPU, and on the GPU where there is one."""
+    """Return the speed on the CPU, and on the GPU if there is one."""
     devices = ["cpu", "cuda"] if torch.cuda.is_available() else ["cpu"]
     try:
         sources = find_frames(BUNDLED)
@@ -128,11 +128,11 @@ def _by_step(sources: Sequence[FrameSource], device: str) -> tuple[dict[str, flo
 
 
 def _floor(frame: Frame, num_regions: float, device: str) -> Measurement:
-    """Return what the networks' arithmetic alone takes at the rate of large matrix products."""
+    """Return the time of the networks' arithmetic at the rate of large matrix products."""
     detector = models.detector(models.DETECTOR_WEIGHTS, device)
     predictor = models.predictor(models.NETWORK_WEIGHTS, device)
     cloud = np.random.default_rng(0).normal(0.0, 0.03, (2000, 3))
-    with models.one_thread_each():  # what other threads do would not be counted
+    with models.one_thread_each():  # the work of other threads would not be counted
         seen = frame.color, frame.depth, frame.intrinsics
         detection = gflop_of(lambda: detector.detect(*seen))
         region = gflop_of(lambda: predictor.predict([cloud]))

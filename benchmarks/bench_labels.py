@@ -1,4 +1,4 @@
-"""Grasp labels: candidates a CPU-second, beside a version that tries one after the other."""
+"""Grasp labels: candidates per CPU-second, compared with a version that tries them one by one."""
 
 import time
 

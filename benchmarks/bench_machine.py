@@ -1,4 +1,4 @@
-"""The machine's rate of matrix products, to compare the other figures with."""
+"""The machine's rate of matrix products, for comparison with other figures."""
 
 import os
 from functools import lru_cache
@@ -19,6 +19,6 @@ def measure() -> list[Measurement]:
 
 @lru_cache(maxsize=1)
 def sgemm_rate() -> float:
-    """Return billions of operations a second."""
+    """Return billions of operations per second."""
     a, b = np.random.default_rng(0).random((2, SIDE, SIDE), np.float32)
     return 2.0 * SIDE**3 / 1e9 / seconds_of(lambda: a @ b)

@@ -1,8 +1,8 @@
-"""`infer` on 500 frames: seconds a frame, and how much memory its processes take.
+"""`infer` on 500 frames: seconds per frame, and peak memory of its processes.
 
-Twenty frames of eight objects are made, and each stands in the folder 25 times as links: what is
-read, found and written is as much as for so many different frames. The same of real frames, where
-`../shared/frames` is there.
+Twenty frames of eight objects are made, and the folder has 25 links to each: the amount of reading,
+planning and writing is that of 500 different frames. Real frames are measured too, if
+`../shared/frames` exists.
 """
 
 import contextlib
@@ -49,11 +49,11 @@ options = BatchOptions(workers=CHOSEN, progress=False)
 infer.run(infer.InferPaths(frames, out), InferConfig(), options)
 print(len(read_index(out).names), time.perf_counter() - started)
 """
-LOOK = 0.5  # seconds between two looks at the memory
+LOOK = 0.5  # seconds between two readings of the memory
 
 
 def measure() -> list[Measurement]:
-    """Return speed and peak memory; nothing where the system does not say."""
+    """Return speed and peak memory; no values if the system does not report them."""
     note = f"of {NUM_OBJECTS} objects, 640 x 480, all cores, start included"
     if not Path("/proc/self/smaps_rollup").is_file():
         return [Measurement("infer", None, "s/frame", f"{NUM_FRAMES} frames {note}")]
@@ -67,7 +67,7 @@ def measure() -> list[Measurement]:
 
 
 def _measured(frames: Path, folder: Path, note: str) -> list[Measurement]:
-    """Return seconds a frame and peak memory of `infer` on the folder `frames`."""
+    """Return seconds per frame and peak memory of `infer` on the folder `frames`."""
     out = folder / f"{len(list(folder.iterdir()))}.h5"
     command, peak = [sys.executable, "-c", CHILD, frames, out], 0.0
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
@@ -78,17 +78,17 @@ def _measured(frames: Path, folder: Path, note: str) -> list[Measurement]:
     if process.returncode:
         raise subprocess.CalledProcessError(process.returncode, command[:2])
     count, seconds = text.split()
-    said = f"{count} frames, {note}"
+    label = f"{count} frames, {note}"
     return [
-        Measurement("infer", float(seconds) / int(count), "s/frame", said),
-        Measurement("infer, peak memory", peak, "MB", f"{said}, all processes"),
+        Measurement("infer", float(seconds) / int(count), "s/frame", label),
+        Measurement("infer, peak memory", peak, "MB", f"{label}, all processes"),
     ]
 
 
 def _megabytes(pid: int) -> float:
-    """Return the memory of a process and all that it started, what they share counted once."""
+    """Return the memory of a process and its children; shared memory counts once."""
     total = 0
-    with contextlib.suppress(psutil.NoSuchProcess):  # it ended meanwhile
+    with contextlib.suppress(psutil.NoSuchProcess):  # the process has ended
         parent = psutil.Process(pid)
         for process in (parent, *parent.children(recursive=True)):
             with contextlib.suppress(psutil.NoSuchProcess, psutil.ZombieProcess):
@@ -114,7 +114,7 @@ def _real(folder: Path) -> Path:
 
 
 def _linked(few: Path, folder: Path) -> Path:
-    """Return a folder in which the frames of `few` stand as often as makes `NUM_FRAMES`."""
+    """Return a folder with `NUM_FRAMES` links to the frames of `few`."""
     many = folder / "many"
     many.mkdir()
     for number in range(NUM_FRAMES // (NUM_SCENES * VIEWS_A_SCENE)):

@@ -1,4 +1,4 @@
-"""Grasps scored a CPU-second beside graspnetAPI's own rate, collision, and frames of its AP."""
+"""Grasps scored per CPU-second relative to graspnetAPI, collision checks, frames of its AP."""
 
 import numpy as np
 import trimesh
@@ -20,14 +20,14 @@ from pipelines.metrics.mesh_collision import MeshCollider
 
 NUM_GRASPS = 4000
 NUM_COLLIDED = 500
-NUM_ROWS = 1024  # of a frame, as detectors dump them
-COPIES = 3  # of each shape in a frame
+NUM_ROWS = 1024  # grasps of a frame, as in a detector's dump
+COPIES = 3  # copies of each shape in a frame
 SHAPES = {
     "box": trimesh.creation.box((0.06, 0.04, 0.1)),
     "can": trimesh.creation.cylinder(0.03, 0.1, sections=128),
     "ball": trimesh.creation.icosphere(4, 0.035),
 }
-# Grasps a CPU-second that graspnetAPI's get_grasp_score took on the same kinds of shape and grasp.
+# Grasps per CPU-second of graspnetAPI's get_grasp_score on the same kinds of shape and grasp.
 PEER = {
     ("box", "antipodal"): 23.4,
     ("box", "label"): 44.6,
@@ -36,11 +36,11 @@ PEER = {
     ("ball", "antipodal"): 16.0,
     ("ball", "label"): 30.2,
 }
-PEER_FRAMES = 1.0 / 1.7  # a CPU-second, its whole evaluation
+PEER_FRAMES = 1.0 / 1.7  # frames per CPU-second of its whole evaluation
 
 
 def measure() -> list[Measurement]:
-    """Return rates on three shapes and two kinds of grasps, the slowest beside the peer's."""
+    """Return rates on three shapes and two kinds of grasps, the slowest relative to graspnetAPI."""
     rng = np.random.default_rng(0)
     meshes = {
         name: Mesh(np.asarray(made.vertices), np.asarray(made.faces))
@@ -71,10 +71,10 @@ def _scoring(meshes: dict[str, Mesh], rng: np.random.Generator) -> list[Measurem
                 min_friction(close_fingers_on_grid(d, g, g.width)), AP_FRICTIONS
             )
         )
-    return [_beside_peer("", exact), _beside_peer(", compatible", compatible)]
+    return [_against_peer("", exact), _against_peer(", compatible", compatible)]
 
 
-def _beside_peer(mode: str, rates: dict[tuple[str, str], float]) -> Measurement:
+def _against_peer(mode: str, rates: dict[tuple[str, str], float]) -> Measurement:
     times = {case: rate / PEER[case] for case, rate in rates.items()}
     worst = min(times, key=lambda case: times[case])
     note = f"{times[worst]:,.0f} to {max(times.values()):,.0f} times graspnetAPI's CPU-second"
@@ -82,7 +82,7 @@ def _beside_peer(mode: str, rates: dict[tuple[str, str], float]) -> Measurement:
 
 
 def _frames(meshes: dict[str, Mesh], rng: np.random.Generator) -> Measurement:
-    """Return frames of nine objects judged by GraspNet's protocol, files not counted."""
+    """Return the rate of frames of nine objects scored by GraspNet's protocol, without files."""
     kinds = [
         GridObject(
             voxel_means(sample_surface(mesh, NUM_CLOUD_SAMPLES, rng)[0], VOXEL),
@@ -103,7 +103,7 @@ def _frames(meshes: dict[str, Mesh], rng: np.random.Generator) -> Measurement:
 
 
 def _grasps(mesh: Mesh, kind: str, rng: np.random.Generator) -> GraspPoses:
-    """Return grasps across the mesh, nearly antipodal, or as GraspNet's labels: at any angle."""
+    """Return grasps across the mesh, nearly antipodal, or at any angle as GraspNet's labels."""
     points, normals, _ = sample_surface(mesh, NUM_GRASPS, rng)
     if kind == "label":
         rotation = np.stack([random_rotation(rng) for _ in range(NUM_GRASPS)])

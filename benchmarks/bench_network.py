@@ -1,8 +1,8 @@
-"""The two networks beside what their arithmetic alone takes: one core, forward and training step.
+"""Times of the two networks relative to their arithmetic: one core, forward and training step.
 
-The floor is the number of operations at the rate of large matrix products, by the quicker of the
-libraries that torch has for them, which is measured beside each figure, because other work on the
-machine slows both.
+The floor is the time of all operations at the rate of large matrix products, by torch's fastest
+library. This rate is measured together with each figure, because other work on the machine slows
+both.
 """
 
 from collections.abc import Callable
@@ -31,12 +31,14 @@ from tests.network.plain_network import PlainNetwork
 
 NUM_REGIONS = 8
 MICRO_BATCH = 6  # regions that a training step takes at once on a CPU
-SIDE = 1024  # of the matrices whose product is the measure
-TRAINING_SHARE = 3.0  # a step's operations in those of a forward pass: the backward has twice
+SIDE = 1024  # side of the matrices in the measured product
+TRAINING_SHARE = (
+    3.0  # operations of a step relative to a forward pass: the backward pass has twice as many
+)
 
 
 def measure() -> list[Measurement]:
-    """Return seconds of one core, each with its floor and with what is not made fast."""
+    """Return seconds of one core, each with its floor and with the time of a plain version."""
     try:
         with models.one_thread_each():
             return [_forward(), _training_step(), *_detector()]
@@ -50,9 +52,9 @@ def _forward() -> Measurement:
     plain, points = PlainNetwork(tensors, config), _regions(NUM_REGIONS, config.num_points).points
     with torch.inference_mode():
         slow = cpu_seconds_of(lambda: plain(points), 1)
-        what = f"network: {NUM_REGIONS} regions of {config.num_points} points"
+        name = f"network: {NUM_REGIONS} regions of {config.num_points} points"
         note = f"as the equations are written {slow:.2g} s"
-        return _beside_floor(what, lambda: network(points), 1.0, note)
+        return _against_floor(name, lambda: network(points), 1.0, note)
 
 
 def _training_step() -> Measurement:
@@ -71,12 +73,12 @@ def _training_step() -> Measurement:
     with torch.no_grad():
         alone = cpu_seconds_of(forward)
     note = f"forward alone {alone:.2g} s"
-    what = f"network: training step, {size} regions and their copies"
-    return _beside_floor(what, lambda: forward().backward(), TRAINING_SHARE, note, counted=forward)
+    name = f"network: training step, {size} regions and their copies"
+    return _against_floor(name, lambda: forward().backward(), TRAINING_SHARE, note, counted=forward)
 
 
 def _detector() -> list[Measurement]:
-    """Return the network alone, folded and not, and all of `detect`."""
+    """Return the times of the network alone, folded and plain, and of the whole `detect`."""
     detector, frame = (
         models.detector(models.DETECTOR_WEIGHTS, "cpu"),
         find_frames(BUNDLED)[0].read(),
@@ -92,7 +94,7 @@ def _detector() -> list[Measurement]:
         slow = cpu_seconds_of(lambda: plain([image]))
         note = f"norms apart, channels first {slow:.2g} s"
         size = f"{image.shape[2]} x {image.shape[1]}"
-        alone = _beside_floor(
+        alone = _against_floor(
             f"detector: network at {size}", lambda: detector.model([ready]), 1.0, note
         )
     whole = cpu_seconds_of(lambda: detector.detect(*seen))
@@ -102,20 +104,20 @@ def _detector() -> list[Measurement]:
     return [alone, Measurement("detector", whole, "CPU-s/frame", note)]
 
 
-def _beside_floor(
-    what: str,
+def _against_floor(
+    name: str,
     step: Callable[[], object],
     share: float,
     note: str,
     counted: Callable[[], object] | None = None,
 ) -> Measurement:
-    """Return the seconds of `step` and how many times those of its matrix products they are."""
+    """Return the seconds of `step`, with their ratio to the seconds of its matrix products."""
     gflop = share * gflop_of(counted or step)
     before = _product_seconds()
     seconds = cpu_seconds_of(step, 5)
     rate = 2.0 * SIDE**3 / 1e9 / (0.5 * (before + _product_seconds()))
     floor = f"{seconds * rate / gflop:.2f} times the floor, {gflop:.2f} GFLOP at {rate:.0f}/s"
-    return Measurement(what, seconds, "CPU-s", f"{floor}; {note}; one core")
+    return Measurement(name, seconds, "CPU-s", f"{floor}; {note}; one core")
 
 
 @torch.no_grad()
@@ -126,7 +128,7 @@ def _product_seconds() -> float:
 
 
 def _regions(size: int, count: int) -> RegionBatch:
-    """Return halves of ellipsoids as a camera sees them, with three planes each."""
+    """Return visible halves of ellipsoids, with three planes each."""
     rng = np.random.default_rng(0)
     points = rng.normal(size=(size, count, 3))
     points /= np.linalg.norm(points, axis=-1, keepdims=True)

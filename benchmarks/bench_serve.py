@@ -1,6 +1,6 @@
 """`symgrasp serve` over 1,000 posts from 8 clients: latency, throughput, memory.
 
-Without networks, whose time the bench `api` measures: left are depth, planar grasps and HTTP.
+The networks are off, since the bench `api` measures them: depth, planar grasps and HTTP remain.
 """
 
 import json
@@ -18,13 +18,13 @@ from benchmarks.timing import Measurement
 from pipelines.inference.models import WEIGHTS
 
 POSTS, CLIENTS, PORT = 1000, 8, 18766
-WARM = 100  # posts before memory is first looked at
+WARM = 100  # posts before the first reading of memory
 URL = f"http://127.0.0.1:{PORT}"
 LIGHT = ("--set", "regions=geometric", "--set", "method=planar")
 
 
 def measure() -> list[Measurement]:
-    """Return latency and memory of a server that is started for it."""
+    """Return latency and memory of a server that is started for the measurement."""
     command = [sys.executable, "-m", "symgrasp", "serve", "--port", str(PORT), *LIGHT, "-q"]
     with subprocess.Popen(command) as server:
         try:
@@ -53,11 +53,11 @@ def _posted(server: psutil.Process) -> list[Measurement]:
         seconds = list(pool.map(_post, [body] * (POSTS - WARM)))
         rate = len(seconds) / (time.monotonic() - started)
     after = server.memory_info().rss
-    what = f"{POSTS} posts, {CLIENTS} clients, no networks"
+    note = f"{POSTS} posts, {CLIENTS} clients, no networks"
     return [
-        Measurement("serve: median", float(np.median(seconds)), "s/post", what),
-        Measurement("serve: 99 %", float(np.quantile(seconds, 0.99)), "s/post", what),
-        Measurement("serve: rate", rate, "posts/s", what),
+        Measurement("serve: median", float(np.median(seconds)), "s/post", note),
+        Measurement("serve: 99 %", float(np.quantile(seconds, 0.99)), "s/post", note),
+        Measurement("serve: rate", rate, "posts/s", note),
         Measurement("serve: memory", after / 1e6, "MB", f"{(after - before) / 1e6:+.0f} since 100"),
     ]
 

@@ -5,8 +5,9 @@ Writes  OUT/RULE/FOLDER.h5   grasps of `infer` without that rule
         OUT/RULE/FOLDER.json the report of `evaluate`, of datasets
         OUT/leave_one_out.md differences to the run with all rules, over all datasets together
 
-What is finished is not done again: OUT belongs to one state of the code. What no rule changes, the
-outputs of the networks above all, is computed once and remembered, so all rules share a process.
+Finished outputs are not made again: OUT belongs to one state of the code. Results that no rule
+changes, mainly the outputs of the networks, are computed once and cached, so all rules share a
+process.
 """
 
 import argparse
@@ -49,7 +50,7 @@ METRICS = {
     "mask_ap50": "mask AP50",
 }
 UNCHANGED = "no name"
-# Functions whose results are remembered, and where a replaced name changes what they return.
+# Functions with cached results, and the prefix of replaced names that change these results.
 REMEMBERED = {
     "pipelines.inference.observation.geometric_regions": "pipelines.tabletop.",
     "pipelines.inference.predicted_regions.ground_symmetries": FITS,
@@ -60,23 +61,23 @@ REMEMBERED = {
     "pipelines.evaluation.frame_scores.grasp_verdict": UNCHANGED,
     "pipelines.evaluation.frame_scores.symmetry_verdicts": UNCHANGED,
 }
-REMEMBERED_OBJECTS = (TruthReader, FrameTruth, TrueScene, TrueRegion)  # each is there once
+REMEMBERED_OBJECTS = (TruthReader, FrameTruth, TrueScene, TrueRegion)  # each object exists once
 NOTE = """\
 Differences to the run with all rules (or with the rule in brackets), 95 % intervals of a paired
-bootstrap over frames; a positive difference says that the rule costs.
+bootstrap over frames; a positive difference means that the rule is harmful.
 """
 
 
 class Memory:
-    """Results of functions by their arguments."""
+    """Cache of results of functions by their arguments."""
 
     def __init__(self) -> None:
         self._results: dict[bytes, Any] = {}
 
     def remembering(self, function: Callable[..., Any], scope: str = "") -> Callable[..., Any]:
-        """Return `function` that computes each result once; `scope` tells its states apart."""
+        """Return `function` with a cache of its results; `scope` distinguishes its states."""
 
-        def remembered(*arguments: object) -> Any:  # noqa: ANN401 - whatever `function` returns
+        def remembered(*arguments: object) -> Any:  # noqa: ANN401 - the result of `function`
             key = blake2b(f"{function.__qualname__} {scope}".encode(), digest_size=16)
             _add(key, arguments)
             if (found := key.digest()) not in self._results:
@@ -87,14 +88,14 @@ class Memory:
 
 
 class RememberedDetector:
-    """A region detector that looks at each frame once."""
+    """A region detector that computes each frame once."""
 
     def __init__(self, detect: Callable[..., Any]) -> None:
         self.detect = detect
 
 
 class RememberedPredictor:
-    """A grasp network that looks at each region once: others of a list do not matter (D. 61)."""
+    """A grasp network that computes each region once: results do not depend on others (D. 61)."""
 
     def __init__(self, predictor: GraspPredictor, memory: Memory) -> None:
         def predict_one(cloud: Array, table: Plane | None) -> RegionPrediction:
@@ -122,13 +123,15 @@ def _add(key: Any, value: object) -> None:  # noqa: ANN401 - a hash has no publi
         key.update(type(value).__name__.encode())
         for field in fields(value):
             _add(key, getattr(value, field.name))
-    elif not isinstance(value, np.random.Generator):  # each frame's begins alike
+    elif not isinstance(
+        value, np.random.Generator
+    ):  # the generator of each frame starts in the same state
         key.update(repr(value).encode())
 
 
 @contextmanager
 def left_out(rule: Rule, memory: Memory) -> Iterator[InferConfig]:
-    """Let the code do without `rule`; yield the settings that do without it too."""
+    """Switch `rule` off in the code; yield the settings without the rule."""
     plain = {name: resolve_name(name) for name in REMEMBERED}
     detector, predictor = models.detector, models.predictor
 
@@ -153,7 +156,7 @@ def left_out(rule: Rule, memory: Memory) -> Iterator[InferConfig]:
 
 
 def is_dataset(folder: Path) -> bool:
-    """Return whether `folder` holds truth to evaluate against."""
+    """Return whether `folder` is a dataset with ground truth."""
     return (folder / "symmetry").is_dir()
 
 
@@ -161,7 +164,7 @@ def measure(rule: Rule, folders: Sequence[Path], out: Path, memory: Memory) -> N
     """Write the grasps of `folders` without `rule`, and the reports of the datasets among them.
 
     Raises:
-        SymgraspError: a frame fails, or an output is there that was made otherwise.
+        SymgraspError: a frame fails, or an existing output was made with other settings.
     """
     options = BatchOptions(progress=False)
     with left_out(rule, memory) as config:
@@ -178,14 +181,14 @@ def measure(rule: Rule, folders: Sequence[Path], out: Path, memory: Memory) -> N
 
 
 def report_of(rule: Rule, folder: Path, out: Path) -> Path:
-    """Return where the report of a dataset without `rule` lies."""
+    """Return the path of the report of a dataset without `rule`."""
     return out / rule.key / f"{folder.name}.json"
 
 
 def rule_differences(
     rules: Sequence[Rule], datasets: Sequence[Path], out: Path
 ) -> dict[str, list[Figure]]:
-    """Return the figures of each finished rule beside its base's, over all `datasets` together."""
+    """Return the figures of each finished rule and its base, over all `datasets` together."""
     runs = {}
     for rule in rules:
         reports = [report_of(rule, folder, out) for folder in datasets]
@@ -207,7 +210,7 @@ def _run(reports: Sequence[Path], name: str) -> EvaluatedRun:
 
 
 def page(rules: Sequence[Rule], found: Mapping[str, Sequence[Figure]]) -> str:
-    """Return the differences as a Markdown table, the figures of all rules first."""
+    """Return the differences as a Markdown table, after the figures with all rules."""
     rows = [("rule", "left out", *METRICS.values()), ("---", "---", *["---:"] * len(METRICS))]
     for rule in (rule for rule in rules if rule.key in found):
         figures = {figure.metric: figure for figure in found[rule.key]}
@@ -229,11 +232,13 @@ def _cell(figure: Figure | None, rule: Rule) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Measure all rules, or those named, one after the other."""
+    """Measure all rules or the named rules, one after the other."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.leave_one_out", description=__doc__)
     parser.add_argument("folders", nargs="+", type=Path, metavar="FOLDER")
     parser.add_argument("--out", type=Path, required=True, metavar="OUT")
-    parser.add_argument("--rules", default="", metavar="KEYS", help="separated by commas; all")
+    parser.add_argument(
+        "--rules", default="", metavar="KEYS", help="separated by commas; default all"
+    )
     given = parser.parse_args(arguments)
     rules = rules_named([key for key in given.rules.split(",") if key])
     datasets, memory = [folder for folder in given.folders if is_dataset(folder)], Memory()

@@ -1,13 +1,13 @@
-"""Memory and open handles of `serve` and `infer --watch` over a long time, both at once.
+"""Memory and open handles of `serve` and `infer --watch` over a long time, at the same time.
 
 `python -m benchmarks.long_run OUT --minutes 60 --pause 8`
 
-Writes  OUT/long_run.csv  a row a minute and process: frames, megabytes, handles, threads
+Writes  OUT/long_run.csv  a row per minute and process: frames, megabytes, handles, threads
         OUT/long_run.md   medians of the first and last quarter, the first five minutes left out
 
-A frame is posted and one is written into the watched folder every `--pause` seconds: the bundled
-frames at half size with noise in the depth, so that no two are equal. For `--backlog` minutes
-two are written for each that is posted, which is more than `infer --watch` can do.
+Every `--pause` seconds a frame is posted and written into the watched folder: the bundled frames at
+half size with noise in the depth, so that no two are equal. For `--backlog` minutes two frames are
+written for each posted frame, which is more than `infer --watch` can process.
 """
 
 import argparse
@@ -34,19 +34,19 @@ PORT = 18767
 SCALE = 0.5
 NOISE = 0.002  # metres
 WARM = 5.0  # minutes that the summary leaves out: compiled loops, caches
-SAMPLE = 60.0  # seconds
-END = 300.0  # seconds that a command has to end after SIGTERM, which writes all grasps
-BACKLOG_FRAMES = 2  # that are written for one that is posted
+SAMPLE = 60.0  # seconds between samples
+END = 300.0  # seconds that a command may take after SIGTERM, since it writes all grasps
+BACKLOG_FRAMES = 2  # frames written for each posted frame
 
 
 @dataclass(frozen=True)
 class HeldSample:
-    """What a process holds at a moment."""
+    """Resources of a process at one time."""
 
     minute: float
     command: str
     frames: int
-    waiting: int  # frames that are written and not done
+    waiting: int  # frames written and not processed
     megabytes: float
     handles: int
     threads: int
@@ -99,7 +99,7 @@ def _smaller(
 
 
 def run(out: Path, minutes: float, pause: float, backlog: float = 0.0) -> list[HeldSample]:
-    """Feed both commands for so many minutes; return all samples, which are written meanwhile."""
+    """Feed both commands for `minutes`; write and return all samples."""
     watched = out / "frames"
     watched.mkdir(parents=True)
     commands = {
@@ -210,7 +210,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--pause", type=float, default=8.0, help="seconds from frame to frame")
     parser.add_argument(
-        "--backlog", type=float, default=0.0, help="minutes of more frames than can be done"
+        "--backlog", type=float, default=0.0, help="minutes with more frames than can be processed"
     )
     given = parser.parse_args(arguments)
     sys.stdout.write(held_summary(run(given.out, given.minutes, given.pause, given.backlog)))

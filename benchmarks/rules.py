@@ -1,8 +1,8 @@
-"""Rules and numbers behind `infer`, each with what switches it off, for the leave-one-out.
+"""Rules and numbers behind `infer`, each with a way to switch it off, for the leave-one-out.
 
-A rule is left out by settings, as `--set` takes them, or by a constant or function of the code that
-is replaced for the run. Constants of compiled loops cannot be replaced; they are not listed.
-What a leave-one-out deleted is in docs/experiments/leave-one-out.md.
+Settings of `--set` leave a rule out, or a constant or function of the code that is replaced for the
+run. Constants of compiled loops cannot be replaced and are not listed. The rules that a
+leave-one-out deleted are in docs/experiments/leave-one-out.md.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -45,11 +45,11 @@ class Rule:
     """One rule or number, or a group that acts together.
 
     Attributes:
-        key: of its files.
-        meaning: what is left out, or made neutral.
-        settings: that leave it out, by dotted name.
-        replaced: dotted names of constants and functions of the code, with what takes their place.
-        base: key of the run that it is compared with.
+        key: key in the names of files.
+        meaning: the part that is left out, or made neutral.
+        settings: settings that leave the rule out, by dotted name.
+        replaced: dotted names of constants and functions of the code -> their replacements.
+        base: key of the run of the comparison.
     """
 
     key: str
@@ -60,18 +60,18 @@ class Rule:
 
 
 def none_at_all(*_: object) -> list[Any]:
-    """Return no candidates, whatever they would be made of."""
+    """Return an empty list of candidates, for any arguments."""
     return []
 
 
 def nothing(*_: object) -> None:
-    """Return None, whatever is asked."""
+    """Return None, for any arguments."""
 
 
 def axes_without(left_out: Sequence[int]) -> Callable[..., Starts[RotationSymmetry]]:
-    """Return `starting_axes` without those at the places `left_out` of its list."""
+    """Return `starting_axes` without the axes at the indices `left_out` of its list."""
 
-    def axes(*arguments: Any) -> Starts[RotationSymmetry]:  # noqa: ANN401 - whatever it takes
+    def axes(*arguments: Any) -> Starts[RotationSymmetry]:  # noqa: ANN401 - any argument
         found, sources = starting_axes(*arguments)
         kept = np.array([place not in left_out for place in range(len(found))], np.bool_)
         return list(compress(found, kept)), sources[kept]
@@ -82,15 +82,15 @@ def axes_without(left_out: Sequence[int]) -> Callable[..., Starts[RotationSymmet
 def planes_without_axis_point(
     slots: SymmetrySlots,
     axis: RotationSymmetry,
-    *more: Any,  # noqa: ANN401 - whatever it takes
+    *more: Any,  # noqa: ANN401 - any argument
 ) -> Starts[ReflectionSymmetry]:
-    """Return `candidate_planes`; those through the axis lie far from the region."""
+    """Return `candidate_planes`, with the planes through the axis far from the region."""
     far = RotationSymmetry(axis.direction, axis.point + FAR)
     return candidate_planes(slots, far, *more)
 
 
 def passes_without_doubtful(planner: RegionPlanner) -> tuple[Pass, ...]:
-    """Return the passes over a region but the one across doubtful symmetries."""
+    """Return the passes over a region, without the pass across doubtful symmetries."""
     return EVERY_PASS(planner)[:2]
 
 
@@ -375,10 +375,10 @@ RULES = (Rule(EVERY_RULE, "nothing"), *SELECTION, *SYMMETRIES, *REGIONS, *DEPART
 
 
 def rules_named(keys: Sequence[str]) -> tuple[Rule, ...]:
-    """Return the rules of `keys`, all without any, with those that they are compared with.
+    """Return the rules of `keys` and of their comparisons; all rules if `keys` is empty.
 
     Raises:
-        UnknownNameError: a key is of no rule.
+        UnknownNameError: no rule has this key.
     """
     known = {rule.key: rule for rule in RULES}
     for key in keys:

@@ -1,4 +1,4 @@
-"""Measurements and how they are taken and printed."""
+"""Measurements: timing and printing."""
 
 import statistics
 import time
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Measurement:
-    """One line of the table; `value` is None where something it needs is not there."""
+    """One line of the table; `value` is None if a requirement is missing."""
 
     what: str
     value: float | None
@@ -22,7 +22,7 @@ def seconds_of(step: Callable[[], object], repeats: int = 3) -> float:
 
 
 def cpu_seconds_of(step: Callable[[], object], repeats: int = 3) -> float:
-    """Return the median seconds that `step` kept processors busy, all threads together."""
+    """Return the median processor seconds of `step`, all threads together."""
     return _median(step, repeats, time.process_time)
 
 

@@ -1,9 +1,9 @@
-"""Grasps of a camera, frame after frame: prints the grasp to try first of each.
+"""Grasps of a camera, frame by frame: prints the best grasp of each frame.
 
     pip install symgrasp pyrealsense2
     python camera_loop.py --gripper franka
 
-`realsense_frames` is one source of frames. Any other iterator of `CameraFrame` takes its place.
+`realsense_frames` is one source of frames. Any other iterator of `CameraFrame` can replace it.
 """
 
 import argparse
@@ -21,18 +21,18 @@ class CameraFrame(NamedTuple):
 
     color: NDArray[np.uint8]  # (H, W, 3) RGB
     depth: NDArray[Any]  # (H, W) metres, 0 or nan = missing
-    intrinsics: tuple[float, float, float, float]  # fx, fy, cx, cy of both, pixels
+    intrinsics: tuple[float, float, float, float]  # fx, fy, cx, cy of both images, pixels
 
 
 def realsense_frames(width: int = 848, height: int = 480, rate: int = 30) -> Iterator[CameraFrame]:
     """Yield the frames of the first RealSense camera, depth aligned to colour."""
-    import pyrealsense2 as rs  # noqa: PLC0415 - other cameras do without
+    import pyrealsense2 as rs  # noqa: PLC0415 - other cameras do not need it
 
     pipeline, config = rs.pipeline(), rs.config()
     config.enable_stream(rs.stream.color, width, height, rs.format.rgb8, rate)
     config.enable_stream(rs.stream.depth, width, height, rs.format.z16, rate)
     device = pipeline.start(config).get_device()
-    metres = device.first_depth_sensor().get_depth_scale()  # of one unit of depth
+    metres = device.first_depth_sensor().get_depth_scale()  # metres of one unit of depth
     align = rs.align(rs.stream.color)
     try:
         while True:
@@ -49,12 +49,12 @@ def realsense_frames(width: int = 848, height: int = 480, rate: int = 30) -> Ite
 
 
 def found(frames: Iterable[CameraFrame], detector: GraspDetector) -> Iterator[Grasps]:
-    """Yield the grasps of each frame; frames that cannot be used are said and passed over."""
+    """Yield the grasps of each frame; unusable frames are reported and skipped."""
     for frame in frames:
         try:
             yield detector(*frame)
         except SymgraspError as error:
-            print(f"passed over: {error}")
+            print(f"skipped: {error}")
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -3,8 +3,8 @@
     python folder_loop.py my_frames --out grasps --gripper franka
 
 The folder holds `NAME_color.png`, `NAME_depth.png` (16 bit) and `NAME_camera.json` (`fx`, `fy`,
-`cx`, `cy`, `depth_scale`). `symgrasp infer` reads many other layouts, and resumes when killed; a
-loop of your own is for frames that need something else done in between.
+`cx`, `cy`, `depth_scale`). `symgrasp infer` reads many other layouts and resumes after a kill; your
+own loop is useful if each frame needs further work.
 """
 
 import argparse
@@ -18,7 +18,7 @@ from symgrasp import GraspDetector, Grasps, SymgraspError
 
 
 def grasps_in(color_path: Path, detector: GraspDetector) -> Grasps:
-    """Return the grasps of the frame whose colour image is `color_path`."""
+    """Return the grasps of the frame with the colour image `color_path`."""
     stem = str(color_path).removesuffix("_color.png")
     color = np.asarray(Image.open(color_path).convert("RGB"))
     depth = np.asarray(Image.open(f"{stem}_depth.png"))

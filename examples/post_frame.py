@@ -15,7 +15,7 @@ URL = "http://127.0.0.1:8765/grasps"
 
 
 def grasps_of(color: Path, depth: Path, camera: Path, url: str = URL) -> dict[str, Any]:
-    """Return the server's answer to a frame: PNG colour, 16-bit PNG depth, camera as JSON."""
+    """Return the server's response to a frame: PNG colour, 16-bit PNG depth, camera as JSON."""
     frame = {
         "color": base64.b64encode(color.read_bytes()).decode(),
         "depth": base64.b64encode(depth.read_bytes()).decode(),
@@ -32,6 +32,6 @@ if __name__ == "__main__":
     try:
         found = grasps_of(color, depth, camera, *sys.argv[4:5])
     except HTTPError as refused:
-        sys.exit(refused.read().decode())  # one sentence says what is wrong with the frame
+        sys.exit(refused.read().decode())  # one sentence that names the problem of the frame
     for grasp in found["grasps"][:3]:
         print(grasp["rank_score"], grasp["opening"], grasp["pose"])

@@ -25,7 +25,7 @@ COLORS = {"rgb8": slice(None), "bgr8": slice(None, None, -1)}
 
 
 def array_of(image: Any) -> NDArray[Any]:
-    """Return the pixels of an Image: (H, W) depth in its own unit, or (H, W, 3) RGB."""
+    """Return the pixels of an Image: (H, W) depth in the encoding's unit, or (H, W, 3) RGB."""
     encoding, known = image.encoding, (*DEPTHS, *COLORS)
     if encoding not in known:
         raise SymgraspError(f"{encoding} images are not read; publish {', '.join(known)}")
@@ -46,7 +46,7 @@ def pose_of(matrix: NDArray[np.float64]) -> Any:
 
 
 def answer(node: Any, detector: GraspDetector) -> None:
-    """Let `node` publish the grasps of each set of images that belong together."""
+    """Make `node` publish the grasps of each set of synchronised images."""
     poses = node.create_publisher(PoseArray, "grasps", 1)
     widths = node.create_publisher(Float32MultiArray, "widths", 1)
     openings = node.create_publisher(Float32MultiArray, "openings", 1)

@@ -1,4 +1,4 @@
-"""The command line: `python -m symgrasp` is `symgrasp`."""
+"""The command line: `python -m symgrasp` does the same as `symgrasp`."""
 
 from symgrasp_cli.main import main
 

@@ -1,4 +1,4 @@
-"""RGB-D frames that come with the package, to try it on."""
+"""RGB-D frames that come with the package, for first trials."""
 
 from typing import NamedTuple
 
@@ -18,7 +18,7 @@ class FrameArrays(NamedTuple):
     Attributes:
         color: (H, W, 3) RGB.
         depth: (H, W) metres, 0 = missing.
-        intrinsics: of the depth.
+        intrinsics: of the depth image.
     """
 
     color: NDArray[np.uint8]

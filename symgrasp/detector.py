@@ -1,4 +1,4 @@
-"""Grasps of frames that lie in memory, with models that are loaded once."""
+"""Grasp detection in frames held in memory, with models that are loaded once."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -24,7 +24,7 @@ from symgrasp.grasps import Grasps, ordered_grasps
 class GraspDetector:
     """Finds grasps in RGB-D frames, with models that are loaded once.
 
-    A frame always gives the same grasps: those that `symgrasp infer` writes. Several threads may
+    A frame always gives the same grasps, equal to those of `symgrasp infer`. Several threads may
     call one detector at the same time. Each call uses one core: torch, OpenCV and numpy's matrix
     products are limited to it while any call runs.
     """
@@ -47,23 +47,23 @@ class GraspDetector:
 
         Args:
             gripper: preset (`rg2`, `franka`, `robotiq_2f85`), TOML file or `Gripper`; None for
-                that of `settings`.
-            preset: `paper` for the method as printed; `settings` go before it.
+                the gripper of `settings`.
+            preset: `paper` for the method as printed; `settings` override it.
             device: `cpu`, `cuda`, `cuda:N`, or `auto`: a GPU if there is one.
-            settings: settings of `symgrasp infer` that differ from its own, by dotted name, as
+            settings: settings of `symgrasp infer` that differ from the defaults, by dotted name, as
                 `{"selection.feasibility.min_width": 0.004}`; or a TOML file as `symgrasp config
                 infer` prints.
-            detector: weights of the region detector; as all weights None for those that come with
-                symgrasp.
+            detector: weights of the region detector; here and below, None selects the weights that
+                come with symgrasp.
             network: weights of the grasp network.
             axis_critic: weights of the critic of axes and spheres.
             plane_critic: weights of the plane critic.
             grasp_critic: weights of the grasp critic.
-            seed: of the random numbers, which start anew with each frame.
+            seed: seed of the random numbers, which restart with each frame.
 
         Raises:
-            SymgraspError: a gripper, device or setting is not known, a setting has a value that it
-                cannot have, or weights are missing.
+            SymgraspError: a gripper, device or setting is unknown, the value of a setting is
+                invalid, or weights are missing.
         """
         config = _infer_config(settings, preset)
         if isinstance(gripper, Gripper):
@@ -102,17 +102,17 @@ class GraspDetector:
             color: (H, W, 3) uint8 RGB, registered to the depth.
             depth: (H, W) floats, metres along the optical axis, or whole numbers, millimetres;
                 0, nan, infinity and 65535 are missing.
-            intrinsics: of the depth: fx, fy, cx, cy in pixels, a (3, 3) camera matrix, or a
-                mapping, as camera files have it.
-            masks: the objects to grasp instead of found regions: (H, W) ids, 0 = background, or
-                (n, H, W) bool. A pixel of several masks belongs to the first.
+            intrinsics: of the depth image: fx, fy, cx, cy in pixels, a (3, 3) camera matrix, or a
+                mapping with the keys of a camera file.
+            masks: masks of the objects to grasp, in place of detected regions: (H, W) ids, 0 =
+                background, or (n, H, W) bool. A pixel of several masks belongs to the first.
             workspace: where grasps may be: (H, W) bool, or a box x0, y0, z0, x1, y1, z1 in metres,
                 in the frame that the setting `limits.box_frame` names.
-            depth_units_per_metre: what `depth` is divided by to give metres, if not 1 for floats
+            depth_units_per_metre: divisor that turns `depth` into metres; by default 1 for floats
                 and 1000 for whole numbers.
 
         Raises:
-            SymgraspError: an argument is not what it must be; the message says which and why.
+            SymgraspError: an argument is invalid; the message names the argument and the reason.
         """
         given = color, depth, intrinsics, masks, workspace, depth_units_per_metre
         result, ids = self._found(*given)
@@ -128,7 +128,7 @@ class GraspDetector:
         workspace: ArrayLike | None = None,
         depth_units_per_metre: float | None = None,
     ) -> FrameResult:
-        """Return regions and grasps as `grasps.h5` has them; arguments and errors of a call."""
+        """Return regions and grasps as in `grasps.h5`; arguments and errors as of `__call__`."""
         return self._found(color, depth, intrinsics, masks, workspace, depth_units_per_metre)[0]
 
     def _found(
@@ -140,7 +140,7 @@ class GraspDetector:
         workspace: ArrayLike | None,
         depth_units_per_metre: float | None,
     ) -> tuple[FrameResult, NDArray[np.int32] | None]:
-        """Return what was found in a frame, and the ids of its masks, if there are any."""
+        """Return the result of a frame, and the ids of its masks, if there are any."""
         frame = frame_of(color, depth, intrinsics, depth_units_per_metre)
         instances = instance_masks(masks, frame.depth.shape)
         mask, box = workspace_of(workspace, frame.depth.shape)
@@ -161,7 +161,7 @@ def _infer_config(
     if isinstance(settings, InferConfig):
         check_settings(settings)
         if preset is not None:
-            raise ValueRangeError("preset", preset, "left out beside a whole InferConfig")
+            raise ValueRangeError("preset", preset, "left out where settings is an InferConfig")
         return settings
     config = default_settings("infer")
     if preset is not None:

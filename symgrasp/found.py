@@ -20,10 +20,10 @@ class FoundSymmetry:
         region: index of its region in `Grasps.regions`.
         slot: one of the network's five: 0 to 2 mirror planes, 3 rotation axis, 4 sphere.
         kind: `reflection`, `rotation` or `sphere`.
-        existence: 0 to 1, the network's probability that the region has it; nan without one.
-        confidence: 0 to 1, the belief after its fit to the seen surface.
+        existence: 0 to 1, the network's probability that the symmetry is present; nan without it.
+        confidence: 0 to 1, the belief in the symmetry after its fit to the seen surface.
         point: (3,) float32 metres, on the plane or the axis, or the sphere's centre.
-        direction: (3,) float32 unit, the plane's normal or the axis; nan of a sphere.
+        direction: (3,) float32 unit, the plane's normal or the axis; nan for a sphere.
     """
 
     region: int
@@ -41,12 +41,12 @@ class FoundRegion:
 
     Attributes:
         box: (4,) float32 pixels x0, y0, x1, y1 of the mask; x1 and y1 are exclusive.
-        confidence: 0 to 1, the detector's.
-        source: who found it: `detector`, `geometric`, `color` or `masks`.
-        status: `measured`; `flat` if depth does not tell it from the table; `no_depth`.
-        symmetries: those found, most confident first.
+        confidence: 0 to 1, the detector's score.
+        source: origin of the region: `detector`, `geometric`, `color` or `masks`.
+        status: `measured`; `flat` if its depth is that of the table; `no_depth`.
+        symmetries: found symmetries, most confident first.
         affordance_mean: predicted affordance over the region's points, 0 to 1; nan without network.
-        affordance_max: its largest.
+        affordance_max: largest predicted affordance.
         instance: id of the caller's mask, or its index in a stack of masks; None without masks.
     """
 
@@ -63,7 +63,7 @@ class FoundRegion:
 
     @cached_property
     def mask(self) -> Mask:
-        """(H, W) the region's pixels."""
+        """Mask (H, W) of the region's pixels."""
         mask = decode_mask(self._runs, *self._size)
         mask.flags.writeable = False
         return mask
@@ -78,8 +78,8 @@ def regions_of(
 ) -> tuple[FoundRegion, ...]:
     """Return the regions of a frame.
 
-    `size`: its width and height. `ids`: (H, W) of the masks that the regions were made of; None if
-    they were found.
+    `size`: width and height of the frame. `ids`: (H, W) ids of the masks that the regions were made
+    of; None if the regions were detected.
     """
     return tuple(_region(table, place, size, ids) for place in range(len(table)))
 
@@ -97,7 +97,7 @@ def _region(
         symmetries=_symmetries(table, place),
         affordance_mean=float(table.affordance_mean[place]),
         affordance_max=float(table.affordance_max[place]),
-        # Runs go down the columns, and the first is of pixels outside.
+        # Runs go down the columns; the first run counts pixels outside the mask.
         instance=None if ids is None else int(ids.ravel(order="F")[runs[0]]),
         _runs=runs,
         _size=size,
@@ -105,7 +105,7 @@ def _region(
 
 
 def _symmetries(table: RegionTable, place: int) -> tuple[FoundSymmetry, ...]:
-    """Return the symmetries of a region that have a place, most confident first."""
+    """Return the symmetries of a region that have a point, most confident first."""
     confidence, point = table.symmetry_confidence[place], table.symmetry_point[place]
     slots = [slot for slot in range(NUM_SLOTS) if np.isfinite(point[slot]).all()]
     return tuple(

@@ -1,4 +1,4 @@
-"""Arrays of a caller as a frame, with every common mistake named in a sentence."""
+"""Conversion of a caller's arrays to a frame; errors name every common mistake."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from pipelines.frames.rgbd import DepthUnits, Frame, make_frame
 from pipelines.geometry.camera import Intrinsics
 
 IntrinsicsLike = Intrinsics | Mapping[str, Any] | Sequence[float] | NDArray[Any]
-MILLIMETRES_PER_METRE = 1000.0  # units per metre of depth in whole numbers, as files have it
+MILLIMETRES_PER_METRE = 1000.0  # units per metre of whole-number depth, as in files
 LARGEST_ID = np.iinfo(np.int32).max
 
 
@@ -25,7 +25,7 @@ class InstanceMasks:
 
     Attributes:
         labels: (H, W) int32, one number above 0 for each instance, 0 elsewhere.
-        ids: (H, W) int32, the caller's number of the instance: an id, or a place in a stack.
+        ids: (H, W) int32, the caller's number of the instance: an id, or an index in a stack.
     """
 
     labels: NDArray[np.int32]
@@ -35,9 +35,9 @@ class InstanceMasks:
 def frame_of(
     color: ArrayLike, depth: ArrayLike, intrinsics: IntrinsicsLike, units: float | None = None
 ) -> Frame:
-    """Return the frame of three arrays; arguments and errors as `GraspDetector` has them.
+    """Return the frame of three arrays; arguments and errors as of `GraspDetector`.
 
-    `units`: what numbers of the depth are divided by to give metres.
+    `units`: divisor that turns the values of `depth` into metres.
     """
     check_units("depth_units_per_metre", units)
     distances, picture = _depth(depth), _color(color)
@@ -92,7 +92,7 @@ def workspace_of(
         raise ValueRangeError("workspace", _described(found), expected)
     box = found.ravel().astype(np.float64)
     if not (np.isfinite(box).all() and (box[:3] < box[3:]).all()):
-        raise ValueRangeError("workspace", box.tolist(), "finite, each first below its last")
+        raise ValueRangeError("workspace", box.tolist(), "finite, each minimum below its maximum")
     return None, tuple(box.tolist())
 
 
@@ -129,7 +129,7 @@ def _camera(intrinsics: IntrinsicsLike) -> CameraFile:
 
 
 def _stacked(stack: Mask) -> InstanceMasks:
-    """Return the instances of (n, H, W) masks; a pixel of several belongs to the first."""
+    """Return the instances of (n, H, W) masks; a pixel of several masks belongs to the first."""
     background = np.ones_like(stack, shape=(1, *stack.shape[1:]))
     first = np.concatenate([stack, background]).argmax(axis=0)
     ids = np.where(first < len(stack), first, -1).astype(np.int32)
@@ -139,8 +139,8 @@ def _stacked(stack: Mask) -> InstanceMasks:
 def _array(name: str, values: object) -> NDArray[Any]:
     try:
         return np.asarray(values)
-    except (TypeError, ValueError) as error:  # a GPU's tensor, or a list of other lengths
-        raise ValueRangeError(name, f"no array ({error})", "an array that numpy takes") from error
+    except (TypeError, ValueError) as error:  # a GPU's tensor, or rows of unequal lengths
+        raise ValueRangeError(name, f"no array ({error})", "an array that numpy accepts") from error
 
 
 def _described(array: NDArray[Any]) -> str:

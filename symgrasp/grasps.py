@@ -26,11 +26,11 @@ class Grasp:
     """One grasp, camera frame (OpenCV axes), metres.
 
     Attributes:
-        symmetry: the symmetry that gave the second contact; None without.
+        symmetry: the symmetry that gave the second contact; None without a symmetry.
         opening: metres between the open fingers.
         gripper: the gripper of `pose` and `opening`.
 
-    All others are one row of the attributes of `Grasps`.
+    Every other attribute is one row of the attribute of `Grasps` that has the same name.
     """
 
     region: int
@@ -74,24 +74,25 @@ class Grasps:
         width: (n,) float32, distance of the contacts.
         contacts: (n, 2, 3) float32, the two contacts.
         affordance: (n,) float32 predicted at the first contact, 0 to 1.
-        symmetry_slot: (n,) int32 slot of the symmetry that gave the second contact; -1 without.
-        source: (n,) str `network`, `planar`, or `random` of that baseline.
-        clearance: (n,) float32, b of Eq. 8, from the gripper to other things, capped.
-        enclosed_height: (n,) float32, h of Eq. 8, of what is between the fingers, capped.
+        symmetry_slot: (n,) int32 slot of the symmetry that gave the second contact; -1
+            without a symmetry.
+        source: (n,) str `network`, `planar`, or `random` for the random baseline.
+        clearance: (n,) float32, scene clearance b of Eq. 8, capped.
+        enclosed_height: (n,) float32, enclosed height h of Eq. 8, capped.
         rank_score: (n,) float32, 0 to 1, the order of the grasps: the quality that the grasp
             critic expects, or s of Eq. 8.
-        ranker: (n,) str, which of them: `critic` or `eq8`.
-        is_best: (n,) bool, the one to try first of its region.
-        rank_in_frame: (n,) int32 place in the order of the frame, 0 the one to try first.
+        ranker: (n,) str, source of `rank_score`: `critic` or `eq8`.
+        is_best: (n,) bool, whether the grasp is the first to try of its region.
+        rank_in_frame: (n,) int32 place in the order of the frame, 0 for the first grasp to try.
         worth_trying: (n,) bool, whether `rank_score` is not below the setting `weak_below`.
-        symmetry_source: (n,) str, who proposed that symmetry: `network`, `shape` or `both`; empty
-            without.
-        regions: all regions of the frame, those without grasps too.
+        symmetry_source: (n,) str, origin of the symmetry: `network`, `shape` or `both`; empty
+            without a symmetry.
+        regions: all regions of the frame, also those without grasps.
         gripper: the gripper of `poses` and `opening`.
-        name: of the frame, in a file.
+        name: name of the frame, if it comes from a file.
         status: `ok`, `empty` (nothing to grasp), or in a file `failed`.
-        message: why there are no grasps; empty where there are some.
-        intrinsics: of the depth image; None where a frame could not be read.
+        message: reason why there are no grasps; empty if there are grasps.
+        intrinsics: of the depth image; None if the frame could not be read.
     """
 
     region: NDArray[np.int32]
@@ -153,7 +154,7 @@ class Grasps:
         """The grasp to try first.
 
         Raises:
-            SymgraspError: there is none; the message says why.
+            SymgraspError: there is no grasp; the message gives the reason.
         """
         if not len(self):
             raise SymgraspError(f"there is no grasp: {self.message or 'all were left out'}")
@@ -166,7 +167,7 @@ class Grasps:
 
     @property
     def opening(self) -> Array:
-        """(n,) metres between the open fingers: width and the gripper's clearance on each side."""
+        """(n,) metres between the open fingers: width and the finger clearance on each side."""
         return self.gripper.opening(self.width)
 
     def poses(self, convention: Convention = "closing_y") -> Array:
@@ -175,11 +176,11 @@ class Grasps:
         The base is the mounting face; z is the approach.
 
         Args:
-            convention: `closing_y`, fingers close along y, as of `panda_hand` in MoveIt, ROS and
+            convention: `closing_y`, fingers close along y, as for `panda_hand` in MoveIt, ROS and
                 Isaac; or `closing_x`, as in Contact-GraspNet and ACRONYM.
 
         Raises:
-            UnknownNameError: another convention.
+            UnknownNameError: the convention is unknown.
         """
         return _base_poses(self.rotation, self.translation, self.gripper, convention)
 
@@ -193,7 +194,7 @@ def ordered_grasps(
 ) -> Grasps:
     """Return the grasps of a frame in the order of `rank_in_frame`.
 
-    `ids`: (H, W) of the masks that the regions were made of, if they were.
+    `ids`: (H, W) ids of the masks that the regions were made of; None for detected regions.
     """
     order = np.argsort(result.grasps.rank_in_frame)
     columns = {name: getattr(result.grasps, name)[order] for name in GRASP_COLUMNS}

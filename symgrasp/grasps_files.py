@@ -1,4 +1,4 @@
-"""`grasps.h5` as grasps of frames, by the frames' names."""
+"""Reading of `grasps.h5`: the grasps of each frame by the frame's name."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ from symgrasp.grasps import Grasps, ordered_grasps
 
 @dataclass(frozen=True)
 class FileGrasps(Mapping[str, Grasps]):
-    """The frames of a `grasps.h5` in its order, each read when it is asked for.
+    """The frames of a `grasps.h5` in the file's order, each read on demand.
 
     Attributes:
         path: the file.
-        names: of its frames.
-        gripper: of poses and openings.
+        names: names of the frames.
+        gripper: gripper of poses and openings.
     """
 
     path: Path
@@ -44,22 +44,23 @@ class FileGrasps(Mapping[str, Grasps]):
 
 
 class UnknownFrameError(UnknownNameError, KeyError):
-    """A frame was named that the file does not hold."""
+    """Error for a frame name that the file does not contain."""
 
 
 def read_grasps(path: Path | str, gripper: str | Path | Gripper | None = None) -> FileGrasps:
     """Return the frames of a `grasps.h5` that `symgrasp infer` wrote, by name.
 
     Args:
-        path: the file; of older versions too.
-        gripper: of poses and openings; None for the one that the grasps were found for.
+        path: the file, also of an older version.
+        gripper: gripper of poses and openings; None for the gripper that the grasps were found for.
 
     Raises:
-        FormatError: not a grasps.h5, or damaged.
-        SymgraspError: the gripper is not known; or it was not given, and theirs is gone.
+        FormatError: the file is no grasps.h5, or it is damaged.
+        SymgraspError: the gripper is unknown, or none is given and the gripper of
+            the grasps is gone or changed.
     """
     path, index = Path(path), read_index(Path(path))
     if not isinstance(gripper, Gripper):
-        asked = "" if gripper is None else str(gripper)
-        gripper = load_gripper(gripper_to_use(asked, index.gripper, index.stamp))
+        name = "" if gripper is None else str(gripper)
+        gripper = load_gripper(gripper_to_use(name, index.gripper, index.stamp))
     return FileGrasps(path, tuple(index.names), gripper)

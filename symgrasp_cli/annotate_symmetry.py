@@ -41,7 +41,7 @@ def annotate_symmetry(
     bop_symmetries: Annotated[
         Path | None,
         typer.Option(
-            exists=True, help="BOP's models_info.json: its rotations win over those found."
+            exists=True, help="BOP's models_info.json: its rotations override found ones."
         ),
     ] = None,
     bop: Annotated[

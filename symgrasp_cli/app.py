@@ -63,18 +63,18 @@ COMMANDS = (
 
 
 class PlainFormatter(logging.Formatter):
-    """Messages in one line, whatever names are in them; tracebacks below as they are."""
+    """Messages in one line, whatever names they contain; tracebacks follow unchanged."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging's name
-        """Return the message without what moves a terminal's cursor."""
+        """Return the message without characters that move a terminal's cursor."""
         return printable(super().formatMessage(record))
 
 
 class SymgraspGroup(TyperGroup):
-    """Report a `SymgraspError` as one line, exit 1 or 2; let every other exception show itself.
+    """Report expected errors as one line, exit 1 or 2; all others show their traceback.
 
-    So is what the system refuses: a folder that may not be written, a full disk.
-    A torchvision of another torch is no fault of ours, but many have it: a line as well.
+    Expected are a `SymgraspError`, an error of the system (a folder without write permission, a
+    full disk) and a torchvision that was built for another torch.
     """
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401 - click's or typer's own
@@ -88,7 +88,7 @@ class SymgraspGroup(TyperGroup):
         except SymgraspError as error:
             typer.echo(f"error: {error}", err=True)
             raise typer.Exit(error.exit_code) from error
-        except BrokenPipeError:  # nobody reads on: click ends quietly
+        except BrokenPipeError:  # the reader has closed the pipe: click ends quietly
             raise
         except OSError as error:
             typer.echo(f"error: {printable(str(error))}", err=True)
@@ -126,13 +126,13 @@ def root(
         bool,
         typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version."),
     ] = False,
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say more on stderr.")] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print more on stderr.")] = False,
 ) -> None:
     """Symmetry-aware antipodal grasps from single-view RGB-D images."""
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(PlainFormatter("%(levelname)s %(name)s: %(message)s"))
     logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, handlers=[handler])
-    # Its parsers log tracebacks of what they pass over, such as textures that are not there.
+    # trimesh's parsers log tracebacks of content that they skip, such as missing textures.
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)
 
 

@@ -1,4 +1,4 @@
-"""Arguments of commands that are made of several options, which commands share as well."""
+"""Arguments of commands that are built from several options, shared by several commands."""
 
 import inspect
 from collections.abc import Callable, Iterable, Mapping
@@ -37,9 +37,9 @@ WORKER_MEMORY = 1e9  # bytes; workers were seen to take half of it (docs/experim
 
 @dataclass(frozen=True)
 class MadeOf:
-    """Makes one argument of a command of several options: the parameters of `make`.
+    """Builds one argument of a command from several options: the parameters of `make`.
 
-    A parameter of `make` may be such an argument itself; options of one name are one option.
+    A parameter of `make` may be such an argument itself; options with equal names are one option.
     """
 
     make: Callable[..., Any]
@@ -51,13 +51,13 @@ class MadeOf:
 
     @staticmethod
     def of(parameter: inspect.Parameter) -> "MadeOf | None":
-        """Return what makes the argument; None where it is one option."""
+        """Return the `MadeOf` of the argument; None if the argument is one option."""
         known = getattr(parameter.annotation, "__metadata__", ())
         return next((each for each in known if isinstance(each, MadeOf)), None)
 
 
 def options_of(parameters: Iterable[inspect.Parameter]) -> dict[str, inspect.Parameter]:
-    """Return the options by name that a command with these parameters has."""
+    """Return the options, by name, of a command with these parameters."""
     found: dict[str, inspect.Parameter] = {}
     for each in parameters:
         made = MadeOf.of(each)
@@ -68,7 +68,7 @@ def options_of(parameters: Iterable[inspect.Parameter]) -> dict[str, inspect.Par
 def arguments_of(
     parameters: Iterable[inspect.Parameter], values: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the arguments of a command with these parameters, of the `values` of its options."""
+    """Return the arguments of a command with these parameters, from the `values` of its options."""
     pairs = ((each.name, MadeOf.of(each)) for each in parameters)
     return {
         name: made.make(**arguments_of(made.parameters, values)) if made else values[name]
@@ -79,13 +79,13 @@ def arguments_of(
 def preparation(
     workers: Workers = None, backend: Backend = "loky", overwrite: Overwrite = False
 ) -> "BatchOptions":
-    """Return the options of a batch, its progress shown unless the user wants quiet.
+    """Return the options of a batch, which shows its progress unless the user wants quiet.
 
-    Without `workers` there are as many as cores and free memory allow. More than cores only take
-    each other's memory: there are as many as cores then.
+    By default there are as many workers as cores and free memory allow. More workers than cores
+    only compete for memory, so a larger number is reduced to that of the cores.
 
     Raises:
-        UnknownNameError: no such backend.
+        UnknownNameError: the backend is unknown.
     """
     import logging
 
@@ -113,7 +113,7 @@ Preparation = Annotated["BatchOptions", MadeOf(preparation)]
 
 
 def batch_options(options: Preparation, dry_run: DryRun = False) -> "BatchOptions":
-    """Return the options of a batch that may be tried dry."""
+    """Return the options of a batch that may be a dry run."""
     return replace(options, dry_run=dry_run)
 
 
@@ -128,7 +128,7 @@ def run_on_cpu(
     resume: Resume = False,
     overwrite: Overwrite = False,
 ) -> "RunRequest":
-    """Return the request of a training; a bar shows it on a terminal, else log lines do."""
+    """Return the request of a training, with a bar on a terminal and log lines elsewhere."""
     import logging
     import sys
 
@@ -163,7 +163,7 @@ LoadedRun = Annotated["RunRequest", MadeOf(run_with_loaders)]
 def frame_options(
     intrinsics: IntrinsicsText = None, depth_units_per_metre: DepthUnitsPerMetre = None
 ) -> "FrameOptions":
-    """Return what the user states of all frames, instead of the files beside them."""
+    """Return camera and depth units that the user gives for all frames, in place of files."""
     from pipelines.frames.camera_files import parse_camera
     from pipelines.frames.rgbd_folder import FrameOptions
 
@@ -180,7 +180,7 @@ def models_for_symmetries(
     axis_critic: AxisCriticWeights = None,
     plane_critic: PlaneCriticWeights = None,
 ) -> dict[str, Path | None]:
-    """Return the weights that the user names, by what they are of; None for those that we ship."""
+    """Return the weights that the user names, by model; None for the shipped weights."""
     return dict(
         detector=detector, network=network, axis_critic=axis_critic, plane_critic=plane_critic
     )

@@ -13,9 +13,9 @@ from symgrasp_cli.options import AsJson
 from symgrasp_cli.settings import Assignments, Preset, SettingsFile, settings_chosen
 
 TITLE = (
-    "Settings of `symgrasp {stage}`: save them as a file, change values, leave out what stays, and "
-    "pass the file by --config. Each comment ends with what is accepted, and where the default is "
-    "from: the paper, a decision record (D.), or chosen by eye."
+    "Settings of `symgrasp {stage}`: save them as a file, change values, delete unchanged lines, "
+    "and pass the file by --config. Each comment ends with the accepted values and the origin of "
+    "the default: the paper, a decision record (D.), or chosen by eye."
 )
 
 
@@ -56,5 +56,5 @@ def _row(each: Setting) -> dict[str, object]:
 
 
 def _plain(value: object) -> object:
-    """Return a value as JSON has it: infinity, which JSON lacks, as text."""
+    """Return a value for JSON; infinity, which JSON lacks, becomes text."""
     return "inf" if value == math.inf else value

@@ -6,12 +6,12 @@ from pipelines.configs import DoctorConfig
 from symgrasp_cli.report import manner
 from symgrasp_cli.settings import with_settings
 
-WIDTH = 24  # of the names; longer than any of ours
+WIDTH = 24  # characters of the column of names; longer than any name
 
 
 @with_settings("doctor", {})
 def doctor(config: DoctorConfig) -> None:
-    """Say whether this machine is fit: packages, GPU, weights, and a frame with known grasps."""
+    """Check this machine: packages, GPU, weights, and a frame with known grasps."""
     import json
 
     from pipelines import doctor as stage

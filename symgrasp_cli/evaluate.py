@@ -49,13 +49,13 @@ def evaluate(
     ],
     *,
     dataset: DatasetRoot,
-    out: Annotated[Path, typer.Option(help="Report to write; beside it goes a page, .html.")] = (
+    out: Annotated[Path, typer.Option(help="Report to write; a page, .html, goes next to it.")] = (
         Path("report.json")
     ),
     protocol: Annotated[
         str,
         typer.Option(
-            help="symgrasp: quality of one best grasp an object, symmetries, masks; graspnet: "
+            help="symgrasp: quality of the best grasp per object, symmetries, masks; graspnet: "
             "graspnetAPI's AP of a dump, its faults included."
         ),
     ] = "symgrasp",
@@ -103,7 +103,7 @@ def evaluate(
 
 
 def _refuse_mixtures(grasps: Path, protocol: str, *, exact: bool, needs_grasps: bool) -> None:
-    """Refuse what does not go together: wrong usage, exit code 2."""
+    """Refuse options that do not go together: wrong usage, exit code 2."""
     if protocol not in PROTOCOLS:
         raise typer.BadParameter(f"{protocol!r} is not known; known are {', '.join(PROTOCOLS)}")
     if protocol == "graspnet" and not grasps.is_dir():
@@ -118,4 +118,4 @@ def _refuse_mixtures(grasps: Path, protocol: str, *, exact: bool, needs_grasps: 
     if protocol != "graspnet" and grasps.is_dir():
         raise typer.BadParameter(f"{grasps} is a folder; give a grasps.h5, or --protocol graspnet")
     if protocol != "graspnet" and exact:
-        raise typer.BadParameter("--exact goes with --protocol graspnet; others are always exact")
+        raise typer.BadParameter("--exact goes with --protocol graspnet; symgrasp is always exact")

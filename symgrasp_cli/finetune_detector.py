@@ -25,7 +25,7 @@ def finetune_detector(
     roots: Annotated[
         list[Path],
         typer.Argument(
-            exists=True, help="Dataset roots with scenes/ and symmetry/, or what export-coco wrote."
+            exists=True, help="Dataset roots with scenes/ and symmetry/, or outputs of export-coco."
         ),
     ],
     *,
@@ -34,7 +34,7 @@ def finetune_detector(
     camera: CameraName = None,
     coco_weights: Annotated[
         str | None,
-        typer.Option(help="Start of resnet50: a file of torchvision's weights, or download."),
+        typer.Option(help="Start weights of resnet50: a file of torchvision, or download."),
     ] = None,
     init: StartWeights = None,
     request: LoadedRun,

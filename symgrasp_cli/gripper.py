@@ -23,15 +23,15 @@ class Task(StrEnum):
 def gripper(
     config: GripperConfig,
     task: Annotated[
-        Task, typer.Argument(help="from-urdf: measure a URDF; check: look at a TOML file.")
+        Task, typer.Argument(help="from-urdf: measure a URDF; check: verify a TOML file.")
     ],
-    source: Annotated[str, typer.Argument(help="URDF; or TOML file or preset.")],
+    source: Annotated[str, typer.Argument(help="URDF, TOML file or preset.")],
     *,
     out: Annotated[
-        Path | None, typer.Option(help="TOML file to write; with from-urdf needed.")
+        Path | None, typer.Option(help="TOML file to write; needed with from-urdf.")
     ] = None,
     picture: Annotated[
-        Path | None, typer.Option(help="PNG to write; by default beside --out.")
+        Path | None, typer.Option(help="PNG to write; by default next to --out.")
     ] = None,
     overwrite: Overwrite = False,
 ) -> None:

@@ -44,12 +44,12 @@ def _weights(
         typer.Option(exists=True, help="Weights of a compared method, from train-baseline."),
     ] = None,
 ) -> dict[str, Path | None]:
-    """Return the weights that are named, by what they are of."""
+    """Return the weights that the user names, by model."""
     return {**models, "grasp_critic": grasp_critic, "peer": weights}
 
 
 def _batch(options: Batch, workers: Workers = None) -> "BatchOptions":
-    """Return the options of the batch; `infer` chooses how many workers, if the user does not."""
+    """Return the options of the batch; `infer` chooses the workers unless the user does."""
     from pipelines.runtime.batch import CHOSEN
 
     if workers is not None:
@@ -61,10 +61,10 @@ def _choice(
     split: DatasetSplit = "all",
     camera: CameraName = None,
     frame_stride: Annotated[
-        int, typer.Option(min=1, metavar="N", help="Of every folder's frames each N-th.")
+        int, typer.Option(min=1, metavar="N", help="Every N-th frame of each folder.")
     ] = 1,
 ) -> "ChosenFrames":
-    """Return which of the frames are taken."""
+    """Return the choice of frames."""
     from pipelines.dataset.chosen_frames import ChosenFrames
 
     return ChosenFrames(split, camera, frame_stride)
@@ -93,7 +93,7 @@ def infer(
     config: InferSettings,
     frames: FrameFolder,
     *,
-    out: Annotated[Path, typer.Option(help="The file of grasps to write.")] = Path("grasps.h5"),
+    out: Annotated[Path, typer.Option(help="File of grasps to write.")] = Path("grasps.h5"),
     overlays: Annotated[
         Path | None, typer.Option(help="Folder for a picture of every frame's grasps.")
     ] = None,
@@ -102,14 +102,14 @@ def infer(
         typer.Option(
             exists=True,
             file_okay=False,
-            help="Folder of instance masks, NAME_label.png, to use as regions instead.",
+            help="Folder of instance masks, NAME_label.png, to use as regions.",
         ),
     ] = None,
     workspace: Annotated[
         str | None,
         typer.Option(
-            help="Only grasps in there: a mask picture, black outside, of the depth's size, or a "
-            "box x0,y0,z0,x1,y1,z1 in metres."
+            help="Space that grasps must be in: a mask picture, black outside, of the depth's "
+            "size, or a box x0,y0,z0,x1,y1,z1 in metres."
         ),
     ] = None,
     choice: InferChoice,
@@ -117,7 +117,7 @@ def infer(
     weights: InferWeights,
     timings: Annotated[
         bool,
-        typer.Option("--timings", help="Write each frame's seconds; files then differ by run."),
+        typer.Option("--timings", help="Write the seconds of each frame; each run's file differs."),
     ] = False,
     watch: Annotated[
         bool,
@@ -156,7 +156,7 @@ def infer(
 def _with_workspace(
     config: InferSettings, workspace: str | None
 ) -> tuple[InferSettings, Path | None]:
-    """Return the settings with the box that `workspace` is, and the mask if it is one."""
+    """Return the settings with the box that `workspace` states, or the mask that it names."""
     from pipelines.frames.workspace_files import parse_workspace
 
     box, mask = parse_workspace(workspace)
@@ -168,7 +168,7 @@ def _with_workspace(
 
 
 def _conclude(report: "StageReport", out: Path, overlays: Path | None) -> None:
-    """Report how many grasps lie where, and which frames have none, with the reason."""
+    """Report the numbers of grasps and frames, and why some frames have no grasp."""
     from pipelines.grasp_files.grasps_summary import summary_of
 
     summary = summary_of(out) if out.exists() else None
@@ -183,7 +183,7 @@ def _conclude(report: "StageReport", out: Path, overlays: Path | None) -> None:
 
 
 def _print_followed(frame: "Followed") -> None:
-    """Print one frame's line on stdout at once, for whoever reads it through a pipe."""
+    """Print one frame's line on stdout at once, for a reader at the end of a pipe."""
     if manner().as_json:
         typer.echo(json.dumps({**asdict(frame), "seconds": round(frame.seconds, 3)}))
         sys.stdout.flush()

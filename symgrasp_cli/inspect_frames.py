@@ -12,7 +12,7 @@ from symgrasp_cli.settings import named_as, with_settings
 
 @with_settings("inspect", named_as("max_frames"))
 def inspect(config: InspectConfig, frames: FrameFolder, *, stated: Stated) -> None:
-    """Say what would be read of RGB-D frames, and what is odd about them."""
+    """Report how RGB-D frames would be read, and everything odd about them."""
     from pipelines import inspect_frames as stage
 
     findings = stage.run(frames, config, stated=stated)

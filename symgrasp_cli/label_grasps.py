@@ -29,7 +29,7 @@ def label_grasps(
     out: Annotated[Path, typer.Option(help="Dataset root to write; may be the root that is read.")],
     mesh_scale: MeshUnit = None,
     sdf: Annotated[
-        bool, typer.Option(help="Write textured.sdf too, as dex-net does: 10 MB an object.")
+        bool, typer.Option(help="Write textured.sdf too, as dex-net does: 10 MB per object.")
     ] = True,
     compress: Annotated[
         bool, typer.Option("--compress", help="Zip the labels: far smaller, slower to read.")

@@ -1,4 +1,4 @@
-"""Start of the command line: signals are heeded before anything heavy is imported."""
+"""Start of the command line, which handles signals before it imports anything heavy."""
 
 import gc
 import sys

@@ -16,19 +16,19 @@ def _check_seed(seed: int) -> int:
 
 
 def _running(help_text: str, *names: str, **options: Any) -> Any:  # noqa: ANN401 - typer's own
-    """Return an option of how a command runs, as help groups them."""
+    """Return an option in the help's panel on how a command runs."""
     return typer.Option(*names, rich_help_panel=RUNNING, help=help_text, **options)
 
 
-def _weights(what: str) -> Any:  # noqa: ANN401 - typer's own
+def _weights(model: str) -> Any:  # noqa: ANN401 - typer's own
     """Return the option of a file of weights that the package ships too."""
-    return typer.Option(exists=True, help=f"Weights of the {what}, if not the default.")
+    return typer.Option(exists=True, help=f"Weights of the {model}, if not the default.")
 
 
 Workers = Annotated[
     int | None,
     _running(
-        "Processes that work at a time; by default as many as help.",
+        "Processes that work in parallel; by default as many as are useful.",
         min=1,
         metavar="N",
         envvar="SYMGRASP_WORKERS",
@@ -45,8 +45,8 @@ Backend = Annotated[
 Seed = Annotated[
     int, _running("Seed of everything that is drawn at random.", metavar="N", callback=_check_seed)
 ]
-Overwrite = Annotated[bool, _running("Make outputs again that exist.", "--overwrite")]
-DryRun = Annotated[bool, _running("Say what would be done, do nothing.", "--dry-run")]
+Overwrite = Annotated[bool, _running("Replace existing outputs.", "--overwrite")]
+DryRun = Annotated[bool, _running("Print the planned work, do nothing.", "--dry-run")]
 Device = Annotated[
     str,
     _running(
@@ -55,11 +55,11 @@ Device = Annotated[
         envvar="SYMGRASP_DEVICE",
     ),
 ]
-Resume = Annotated[bool, _running("Go on with an unfinished training.", "--resume")]
+Resume = Annotated[bool, _running("Continue an unfinished training.", "--resume")]
 Threads = Annotated[int, _running("CPU cores to train on.", min=1, metavar="N")]
 MaxSeconds = Annotated[
     float | None,
-    _running("Time after which to stop cleanly; --resume goes on.", min=0.0, metavar="SECONDS"),
+    _running("Time after which to stop cleanly; --resume continues.", min=0.0, metavar="SECONDS"),
 ]
 MaxMinutes = Annotated[
     float | None,
@@ -80,7 +80,7 @@ AsJson = Annotated[
     ),
 ]
 Quiet = Annotated[
-    bool, typer.Option("--quiet", "-q", rich_help_panel=REPORT, help="Print errors only on stderr.")
+    bool, typer.Option("--quiet", "-q", rich_help_panel=REPORT, help="Print only errors on stderr.")
 ]
 DatasetSplit = Annotated[
     str | None,
@@ -99,7 +99,7 @@ MeshUnit = Annotated[
         "--mesh-scale",
         min=1e-6,
         metavar="X",
-        help="Metres by unit of the meshes' files; 0.001 for millimetres.",
+        help="Metres per unit of the mesh files; 0.001 for millimetres.",
     ),
 ]
 DetectorWeights = Annotated[Path | None, _weights("region detector")]
@@ -113,7 +113,7 @@ With = Annotated[
         "--with",
         exists=True,
         dir_okay=False,
-        help="Another grasps.h5 of the same frames, a row called as the file; may be given again.",
+        help="Another grasps.h5 of the same frames, a row named as the file; may be given again.",
     ),
 ]
 DatasetRoot = Annotated[

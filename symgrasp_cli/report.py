@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pipelines.evaluation.tables import Table
     from pipelines.runtime.batch import StageReport
 
-UNBOUND = 10_000  # characters: a table as wide as it would like to be
+UNBOUND = 10_000  # characters: the width of a table without a limit
 
 
 @dataclass(frozen=True)
@@ -37,13 +37,13 @@ _manner: ContextVar[Manner | None] = ContextVar("manner", default=None)
 
 
 def manner() -> Manner:
-    """Return the output that the user wants of the command that runs."""
+    """Return the output that the user wants from the running command."""
     return _manner.get() or Manner()
 
 
 @contextmanager
 def speaking(wanted: Manner) -> Iterator[None]:
-    """Let everything that is reported meanwhile be reported in that manner."""
+    """Report in the manner `wanted` inside this context."""
     token = _manner.set(wanted)
     try:
         yield
@@ -53,7 +53,7 @@ def speaking(wanted: Manner) -> Iterator[None]:
 
 @contextmanager
 def failure_as_json(command: str) -> Iterator[None]:
-    """Print the sentence of an error that ends the command, where its report is to be JSON."""
+    """Print an error that ends the command as JSON, if the user wants JSON."""
     try:
         yield
     except (SymgraspError, OSError) as error:
@@ -70,15 +70,15 @@ def conclude(
     lines: Sequence[str] = (),
     facts: Mapping[str, object] | None = None,
 ) -> None:
-    """Print what was done, skipped and failed, where it lies and what is usually next.
+    """Print the items done, skipped and failed, the outputs and the usual next command.
 
     Exits with 1 if anything failed. `outputs`: files and folders that were to be written; None is
-    left out. `then`: words of the next `symgrasp` command; nothing is next where nothing is
+    left out. `then`: words of the next `symgrasp` command; it is left out if nothing is
     finished. `tables`: printed on stdout, or part of the JSON object. `lines`: further sentences
     for people. `facts`: further entries of the JSON object.
     """
     if os.environ.get("TORCHELASTIC_RUN_ID") and os.environ.get("RANK", "0") != "0":
-        raise typer.Exit(report.exit_code)  # of the processes of torchrun the first one speaks
+        raise typer.Exit(report.exit_code)  # only torchrun's first process reports
     written = [str(each) for each in outputs if each is not None and each.exists()]
     is_next = bool(then) and bool(report.done or report.skipped)
     following = shlex.join(["symgrasp", *map(str, then)]) if is_next else None
@@ -96,7 +96,7 @@ def conclude(
 def _print_report(
     report: StageReport, written: Sequence[str], following: str | None, lines: Sequence[str]
 ) -> None:
-    """Print the report for people; where they want quiet, only what failed."""
+    """Print the report for people; only the errors if the user wants quiet."""
     notes = [f"{name}: {note}" for name, note in report.notes.items()]
     errors = [f"error: {name}: {sentence}" for name, sentence in report.failed.items()]
     counts = (
@@ -126,10 +126,10 @@ def _as_json(
 
 
 def show_table(table: Table) -> None:
-    """Print a table on stdout, names on the left, numbers on the right, what is meant below.
+    """Print a table on stdout, names on the left, numbers on the right, notes below.
 
-    Columns stand closer where the terminal is narrow. Files and pipes are as wide as the table,
-    unless the variable COLUMNS says how wide.
+    Columns are closer on a narrow terminal. Output to files and pipes is as wide as the table,
+    unless the environment variable COLUMNS sets the width.
     """
     from rich.console import Console
     from rich.measure import Measurement

@@ -22,11 +22,11 @@ def score_grasps(
     grasps: Annotated[
         Path,
         typer.Argument(
-            exists=True, help="Grasps (N, 17) as graspnetAPI has them, .npy, mesh's frame."
+            exists=True, help="Grasps (N, 17) in graspnetAPI's format, .npy, object frame."
         ),
     ],
     *,
-    out: Annotated[Path, typer.Option(help="Verdicts to write, .npz, one row a grasp.")],
+    out: Annotated[Path, typer.Option(help="Verdicts to write, .npz, one row per grasp.")],
     overwrite: Overwrite = False,
 ) -> None:
     """Score any grasps on any mesh: contacts, smallest friction, antipodal score, collision."""

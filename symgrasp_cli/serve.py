@@ -36,5 +36,5 @@ def serve(
     if not manner().quiet:
         typer.echo(f"serving on http://{http.host}:{http.port}/grasps until Ctrl-C", err=True)
         if http.host not in stage.LOOPBACK:
-            typer.echo("other machines can reach it, and it knows no passwords", err=True)
+            typer.echo("other machines can reach the server, which asks for no password", err=True)
     stage.run(app, http)

@@ -1,4 +1,4 @@
-"""Options of all stages: those that change settings are made from the settings' declarations."""
+"""Options of all stages; the declarations of settings make the options that change settings."""
 
 import inspect
 import re
@@ -21,7 +21,7 @@ from symgrasp_cli.report import Manner, failure_as_json, speaking
 
 Command = Callable[..., None]
 Config = TypeVar("Config")
-PANEL, SWITCHES = "Settings", "Settings, on or off"  # two names take much of the width
+PANEL, SWITCHES = "Settings", "Settings, on or off"  # the two names of a switch are wide
 UNIT_NAMES = {"m": "METRES", "deg": "DEGREES", "s": "SECONDS", "share": "SHARE"}
 SettingsFile = Annotated[
     Path | None,
@@ -31,8 +31,8 @@ SettingsFile = Annotated[
         exists=True,
         dir_okay=False,
         rich_help_panel=PANEL,
-        help="TOML file of settings, as `symgrasp config` prints it. SYMGRASP_ variables go before "
-        "the file, options and --set before both.",
+        help="TOML file of settings, as `symgrasp config` prints it. SYMGRASP_ variables override "
+        "the file; options and --set override both.",
     ),
 ]
 Preset = Annotated[
@@ -42,7 +42,7 @@ Preset = Annotated[
         metavar="NAME",
         rich_help_panel=PANEL,
         help="Settings under one name; paper: the method as printed. Variables, --config and "
-        "options go before it.",
+        "options override it.",
     ),
 ]
 Assignments = Annotated[
@@ -61,10 +61,10 @@ class SettingOption:
     """One option of a command, which changes one setting.
 
     Attributes:
-        names: as typer takes them: `--cut/--no-cut`.
-        setting: declaration and default.
-        variable: of the environment; None for none.
-        hidden: whether it is an old name that help does not list.
+        names: names in typer's form: `--cut/--no-cut`.
+        setting: declaration and default of the setting.
+        variable: environment variable; None for none.
+        hidden: whether the option is an old name that help does not list.
     """
 
     names: str
@@ -83,7 +83,7 @@ class SettingOption:
         return self.name.strip("-").replace("-", "_")
 
     def parameter(self) -> inspect.Parameter:
-        """Return the parameter that typer makes the option of, with the setting's default."""
+        """Return the parameter that typer makes into the option, with the setting's default."""
         choices, is_switch = self.setting.choices, self.setting.declared is bool
         option = typer.Option(
             self.names,
@@ -101,7 +101,7 @@ class SettingOption:
 
 @dataclass(frozen=True)
 class GivenOption:
-    """A setting's value that an option has, or its variable of the environment."""
+    """The value of a setting, given by an option or by the option's environment variable."""
 
     option: SettingOption
     value: str | bool
@@ -117,7 +117,7 @@ class GivenOption:
 
 
 def named_as(*settings: str) -> dict[str, str]:
-    """Return options that are called as the last part of the settings' names."""
+    """Return options that have the last part of the settings' names."""
     return {f"--{name.rpartition('.')[2].replace('_', '-')}": name for name in settings}
 
 
@@ -128,16 +128,16 @@ def with_settings(
     hidden: Mapping[str, str] | None = None,
     variables: Mapping[str, str] | None = None,
 ) -> Callable[[Command], Command]:
-    """Give a command the settings of `stage`: it is called with them as `config`.
+    """Give a command the settings of `stage`, as its argument `config`.
 
-    The command gets `--config` and `--set` too, and `--json` and `--quiet` for its report. Its
-    arguments that are made of several options (`MadeOf`) stand for these.
+    The command gets `--config` and `--set` too, and `--json` and `--quiet` for its report. An
+    argument that is built from several options (`MadeOf`) adds these options.
 
     Args:
         stage: name in `pipelines.configs.stages`.
         options: names of options -> dotted name of the setting that each changes.
-        hidden: the same of old names, which help does not list.
-        variables: names of options -> variables of the environment.
+        hidden: the same for old names, which help does not list.
+        variables: names of options -> environment variables.
     """
     known = {each.name: each for each in settings_of(default_settings(stage))}
     by_variable = variables or {}
@@ -155,8 +155,8 @@ def with_settings(
                 chosen = settings_chosen(stage, file, given, assignments or (), preset)
                 command(config=chosen, **arguments_of(own, values))
 
-        asked = inspect.signature(command, eval_str=True).parameters.values()
-        own = [each for each in asked if each.name != "config"]
+        declared = inspect.signature(command, eval_str=True).parameters.values()
+        own = [each for each in declared if each.name != "config"]
         parameters = [
             _keyword("context", typer.Context),
             *(_keyword(p.name, p.annotation, p.default) for p in options_of(own).values()),
@@ -184,7 +184,7 @@ def settings_chosen(
     """Return settings by precedence: defaults, preset, file, variables, then options and `--set`.
 
     Raises:
-        SymgraspError: an unknown name, a value that cannot be, or one setting given twice.
+        SymgraspError: a name is unknown, a value is invalid, or one setting is given twice.
     """
     config = default_settings(stage)
     if preset is not None:
@@ -201,7 +201,7 @@ def settings_chosen(
         if not equals:
             raise SettingError("--set", repr(text), "NAME=VALUE; `symgrasp config` lists the names")
         if name in by_option:
-            raise SettingError(f"--set {name}", f"given beside {by_option[name]}", "one of both")
+            raise SettingError(f"--set {name}", f"given with {by_option[name]}", "given once")
         config = changed_by_text(config, name, value, "--set: ")
     return config
 
@@ -219,7 +219,7 @@ def _given(
 
 
 def _help(setting: Setting) -> str:
-    """Return the meaning, and the names to choose from where it does not name them all."""
+    """Return the meaning, with the choices if the meaning does not name them all."""
     meaning = setting.declaration.meaning
     if all(re.search(rf"\b{name}\b", meaning) for name in setting.choices):
         return meaning
@@ -227,7 +227,7 @@ def _help(setting: Setting) -> str:
 
 
 def _metavar(setting: Setting) -> str:
-    """Return what help shows for a value."""
+    """Return the placeholder that help shows for a value."""
     if isinstance(setting.default, tuple):
         return "X,..."
     if setting.choices or setting.declared is str:
@@ -236,7 +236,7 @@ def _metavar(setting: Setting) -> str:
 
 
 def _text(value: object) -> str | None:
-    """Return a value as the command line takes it; None where there is nothing to write."""
+    """Return a value in the form of the command line; None for an empty value."""
     text = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
     return text or None
 

@@ -22,7 +22,7 @@ def simulate(
     ],
     *,
     dataset: DatasetRoot,
-    out: Annotated[Path, typer.Option(help="Rates to write; trials go beside it.")] = (
+    out: Annotated[Path, typer.Option(help="Rates to write; trials go next to it.")] = (
         Path("success.json")
     ),
     with_: With = None,
@@ -30,17 +30,19 @@ def simulate(
         bool,
         typer.Option(
             "--baselines",
-            help="Also try what `evaluate --baselines` scores: ground truth, boundary, chance.",
+            help="Also try the rows of `evaluate --baselines`: ground truth, boundary, chance.",
         ),
     ] = False,
     options: Batch,
     seed: Seed = 0,
 ) -> None:
-    """Try the grasps in physics: approach, close, lift, five tugs; success by symmetry."""
+    """Try the grasps in simulation: approach, close, lift, five tugs; success by symmetry."""
     from pipelines import simulate as stage
 
     if not config.frictions:
-        raise typer.BadParameter("no number is given; 0.3,0.5,0.8 are", param_hint="--friction")
+        raise typer.BadParameter(
+            "no number is given; give some, as 0.3,0.5,0.8", param_hint="--friction"
+        )
     config = replace(config, frictions=tuple(sorted(set(config.frictions))))
     report = stage.run(
         grasps, dataset, out, config, options, others=with_ or (), baselines=baselines, seed=seed

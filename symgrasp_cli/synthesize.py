@@ -49,7 +49,7 @@ def synthesize(
     ] = None,
     sdf: Annotated[
         bool,
-        typer.Option("--sdf", help="Write textured.sdf too, as dex-net does: 10 MB an object."),
+        typer.Option("--sdf", help="Write textured.sdf too, as dex-net does: 10 MB per object."),
     ] = False,
     options: Batch,
     seed: Seed = 0,

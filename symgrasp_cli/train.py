@@ -34,7 +34,7 @@ def train(
         typer.Argument(
             exists=True,
             file_okay=False,
-            help="Folder of packed regions, from `pack`; with --endless and --val not needed.",
+            help="Folder of packed regions, from `pack`; not needed with --endless and --val.",
         ),
     ] = None,
     endless: Annotated[

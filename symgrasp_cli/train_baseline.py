@@ -42,7 +42,7 @@ def train_baseline(
     request: LoadedRun,
     options: Preparation,
 ) -> None:
-    """Train a method that the paper compares with, on a dataset of its labels."""
+    """Train a method that the paper compares with, on a dataset with its labels."""
     from pipelines import train_baseline as stage
 
     report = stage.run(

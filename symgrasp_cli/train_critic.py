@@ -27,7 +27,7 @@ def train_critic(
         typer.Argument(
             exists=True,
             file_okay=False,
-            help="Dataset roots with scenes/ and symmetry/ to learn from. For axes: of objects "
+            help="Dataset roots with scenes/ and symmetry/ to learn from. For axes: with objects "
             "that neither network was trained on.",
         ),
     ],

@@ -29,7 +29,7 @@ def view(
     ] = False,
     options: Batch,
 ) -> None:
-    """Make a page a frame, with cloud, symmetries and grasps to turn around in a browser."""
+    """Make a page per frame, with cloud, symmetries and grasps in 3D for a browser."""
     from pipelines import view as stage
 
     report = stage.run(stage.ViewPaths(grasps, out, frames), config, options, rerun=rerun)

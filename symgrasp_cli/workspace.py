@@ -26,7 +26,7 @@ def workspace(
     stated: Stated,
     overwrite: Overwrite = False,
 ) -> None:
-    """Draw the table's frame and a workspace into frames, and print its options for infer."""
+    """Draw the table frame and a workspace into frames, and print its options for infer."""
     from pipelines import workspace as stage
 
     found = stage.run(frames, out, config, stated=stated, overwrite=overwrite)

@@ -1,9 +1,9 @@
 """Weights and true regions for the controls of `make tables`.
 
-`python tools/controls.py random-network OUT.safetensors`: the network as it is before training.
-`python tools/controls.py constant-affordance OUT.safetensors`: the default network, its affordance
-the same at all points. `python tools/controls.py true-regions OUT ROOT`: the true symmetric regions
-of a dataset's frames, for `infer --masks OUT`.
+`python tools/controls.py random-network OUT.safetensors`: the network before training.
+`python tools/controls.py constant-affordance OUT.safetensors`: the default network with the same
+affordance at all points. `python tools/controls.py true-regions OUT ROOT`: the true symmetric
+regions of a dataset's frames, for `infer --masks OUT`.
 """
 
 import argparse
@@ -22,7 +22,7 @@ from pipelines.storage.checkpoints import save_weights
 from pipelines.storage.images import write_image
 
 SEED = 0
-AFFORDANCE = 0.9  # of every point
+AFFORDANCE = 0.9  # at every point
 LAST_LAYER = "heads.affordance.6"
 
 
@@ -35,7 +35,7 @@ def random_network(out: Path) -> None:
 
 
 def constant_affordance(out: Path) -> None:
-    """Write the default network with an affordance head that answers `AFFORDANCE`."""
+    """Write the default network with an affordance head that returns `AFFORDANCE`."""
     tensors, config = read_weights(NETWORK_WEIGHTS, SymmetryGraspNet.__name__, NetworkConfig)
     weight, bias = (tensors[f"{LAST_LAYER}.{name}"] for name in ("weight", "bias"))
     changed = {
@@ -46,7 +46,7 @@ def constant_affordance(out: Path) -> None:
 
 
 def true_regions(out: Path, dataset: Path) -> int:
-    """Write NAME_label.png with the numbered true regions of each frame; return how many."""
+    """Write NAME_label.png with the true regions of each frame; return the number of frames."""
     root, frames = GraspNetRoot.finished(dataset), 0
     for files in (files for scene in root.scenes() for files in scene.frames()):
         path, frames = out / f"{files.name}_label.png", frames + 1
@@ -62,17 +62,19 @@ def true_regions(out: Path, dataset: Path) -> int:
 
 
 def main() -> None:
-    """Read the options and write what was asked for."""
+    """Read the options and write the requested control."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=("random-network", "constant-affordance", "true-regions"))
+    parser.add_argument(
+        "control", choices=("random-network", "constant-affordance", "true-regions")
+    )
     parser.add_argument("out", type=Path)
     parser.add_argument("root", type=Path, nargs="?", help="dataset of the true regions")
     options = parser.parse_args()
-    if options.what == "true-regions":
+    if options.control == "true-regions":
         if options.root is None:
             parser.error("true-regions needs the ROOT of a dataset")
         true_regions(options.out, options.root)
-    elif options.what == "random-network":
+    elif options.control == "random-network":
         random_network(options.out)
     else:
         constant_affordance(options.out)

@@ -1,6 +1,6 @@
 """Make the demo's frames: `python tools/demo_frames.py` writes pipelines/weights/frames/.
 
-Scenes of their own seed, so that no object of them was ever trained on; one view of each.
+The scenes have a separate seed, so that none of their objects is used in training; one view each.
 """
 
 import tempfile
@@ -18,7 +18,7 @@ from pipelines.storage.images import write_image
 
 FOLDER = Path(__file__).parent.parent / "pipelines" / "weights" / "frames"
 SEED = 2026
-WIDTH, HEIGHT = 800, 600  # of the window that is kept, about the objects
+WIDTH, HEIGHT = 800, 600  # pixels of the kept window about the objects
 CONFIG = SynthesizeConfig(
     splits=("seen", "novel"),
     scenes_per_split=2,
@@ -35,7 +35,7 @@ CONFIG = SynthesizeConfig(
 
 
 def main() -> None:
-    """Synthesize, and lay the frames out as flat files."""
+    """Synthesize scenes and write their frames as flat files."""
     with tempfile.TemporaryDirectory() as folder:
         report = synthesize.run(Path(folder), CONFIG, BatchOptions(), seed=SEED)
         if report.failed:
@@ -56,7 +56,7 @@ def main() -> None:
 
 
 def window_about(mask: np.ndarray) -> tuple[int, int]:
-    """Return top and left of the window whose middle is that of `mask`."""
+    """Return top and left of the window about the middle of `mask`."""
     rows, columns = np.nonzero(mask)
     top, left = int(rows.mean()) - HEIGHT // 2, int(columns.mean()) - WIDTH // 2
     return min(max(top, 0), mask.shape[0] - HEIGHT), min(max(left, 0), mask.shape[1] - WIDTH)

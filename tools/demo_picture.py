@@ -17,7 +17,7 @@ QUALITY = 85
 
 
 def main() -> None:
-    """Find grasps in the demo's frames, and lay their overlays out two by two."""
+    """Find grasps in the demo's frames, and arrange their overlays two by two."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         paths = infer.InferPaths(WEIGHTS / "frames", folder / "grasps.h5", folder)

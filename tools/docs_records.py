@@ -16,9 +16,9 @@ class Record:
     """One decision.
 
     Attributes:
-        number: as cited, `D. 82`.
-        title: without the number.
-        path: of the file.
+        number: number in citations, `D. 82`.
+        title: title without the number.
+        path: path of the file.
         header: entries of the list at the top, such as `Status` and `Subject`.
         text: the whole file.
     """

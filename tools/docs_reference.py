@@ -1,4 +1,4 @@
-"""Reference made from code, as Markdown: commands, settings, Python API."""
+"""Reference pages made from code, as Markdown: commands, settings, Python API."""
 
 import importlib
 import inspect
@@ -82,14 +82,14 @@ def api() -> str:
 
 
 def _rank(value: Any) -> int:  # noqa: ANN401
-    """Return the place of a name: what users call first, then results, then errors."""
+    """Return the rank of a name: callables for users first, then results, then errors."""
     if not inspect.isclass(value):
         return 1
     return 0 if _is_made_by_users(value) else 2 if is_dataclass(value) else 3
 
 
 def _is_made_by_users(kind: type) -> bool:
-    """Return whether users call the class; results and errors are made for them."""
+    """Return whether users construct the class; results and errors are constructed for them."""
     return "__init__" in vars(kind) and not is_dataclass(kind)
 
 
@@ -98,7 +98,7 @@ def _public(kind: type) -> Iterator[tuple[str, Any]]:
     for name, member in vars(kind).items():
         function = member.fget if isinstance(member, property) else member
         function = member.func if isinstance(member, cached_property) else function
-        function = getattr(function, "__func__", function)  # of a class method
+        function = getattr(function, "__func__", function)  # function of a class method
         if inspect.isfunction(function) and (name == "__call__" or not name.startswith("_")):
             yield name, function
 

@@ -1,7 +1,7 @@
-"""Hooks of the documentation's build: text made from code, and links to decision records.
+"""Hooks of the documentation build: text made from code, and links to decision records.
 
-`mkdocs.yml` names this file. A page with `<!-- made from code: commands -->` gets the text that
-describes the commands at that place, so pages and code cannot drift; nothing of it is stored.
+`mkdocs.yml` names this file. A page with `<!-- made from code: commands -->` gets the
+description of the commands at this place; it is not stored, so pages and code cannot differ.
 """
 
 import re
@@ -41,12 +41,12 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str: 
 
 
 def _nested(text: str) -> str:
-    """Return `text` with four spaces for two: Python-Markdown nests lists by four."""
+    """Return `text` with four spaces for two: Python-Markdown nests lists by four spaces."""
     return re.sub(r"^(?: {2})+", lambda match: 2 * match[0], text, flags=re.MULTILINE)
 
 
 def _from_root(name: str) -> str:
-    """Return a document of the repository's root, with the links that the site has."""
+    """Return a document of the repository's root, with links of the site."""
     text = (ROOT / name).read_text(encoding="utf-8")
     return text.replace("](docs/", "](").replace("](CHANGELOG.md)", "](changelog.md)")
 

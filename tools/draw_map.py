@@ -1,7 +1,7 @@
 """Draw the map of packages in `pipelines/__init__.py`: `python tools/draw_map.py`.
 
-The levels are the layers of the import contract in pyproject.toml; a package's subject is the first
-line of its docstring.
+The levels are the layers of the import contract in pyproject.toml; the subject of a package is the
+first line of its docstring.
 """
 
 import ast
@@ -15,7 +15,7 @@ TITLES = ("level", "package", "subject")
 
 
 def contract_layers() -> list[list[str]]:
-    """Return the modules of each layer, the stages first, the errors last."""
+    """Return the modules of each layer, from the stages to the errors."""
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     contracts = settings["tool"]["importlinter"]["contracts"]
     (contract,) = (each for each in contracts if each.get("containers") == ["pipelines"])

@@ -10,7 +10,7 @@ from pipelines.grasping.gripper import Gripper
 FOLDER = Path(__file__).parents[1] / "docs" / "images"
 BLUE, RED, GREEN, GREY, INK = "#2563a8", "#c0392b", "#2e8b57", "#8a8f98", "#1f2430"
 FONT = 'font-family="DejaVu Sans, Helvetica, Arial, sans-serif"'
-SCALE = 1100.0  # pixels a metre of the grippers
+SCALE = 1100.0  # pixels per metre of the grippers
 
 STAGES = (
     ("synthesize", "objects, scenes, RGB-D, labels", "ROOT/models, scenes, grasp_label"),
@@ -19,18 +19,18 @@ STAGES = (
     ("pack", "region clouds with labels", "PACKED/scene_XXXX.h5"),
     ("finetune-detector", "Mask R-CNN on region masks", "detector.safetensors"),
     ("train", "PointNet++ with PIFT, Siamese", "network.safetensors"),
-    ("inspect", "what would be read of frames", "layout, camera, unit, oddities"),
+    ("inspect", "check frames before a run", "layout, camera, unit, oddities"),
     ("infer", "frames in, grasps out", "grasps.h5, overlays"),
-    ("view", "a page a frame, to turn around", "PAGES/FRAME.html"),
+    ("view", "a 3D page for each frame", "PAGES/FRAME.html"),
     ("export", "for the next program", "GraspNet, Isaac, ROS, JSON, CSV"),
-    ("simulate", "lift and tug, in physics", "success.json"),
+    ("simulate", "lift and tug in simulation", "success.json"),
     ("evaluate", "quality, antipodal, symmetry AP", "report.json, report.html"),
     ("compare", "runs side by side, with intervals", "compare.json, compare.html"),
 )
 
 
 def document(width: float, height: float, body: list[str]) -> str:
-    """Return an SVG document with a white ground."""
+    """Return an SVG document with a white background."""
     head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" {FONT}>'
     ground = f'<rect width="{width:g}" height="{height:g}" fill="white"/>'
     return "\n".join([head, ground, *body, "</svg>"]) + "\n"
@@ -45,16 +45,16 @@ def text(x: float, y: float, content: str, *, size: float, color: str, anchor: s
 
 
 def stages_figure() -> str:
-    """Return the stages as boxes from top to bottom, what each writes beside its arrow."""
+    """Return the stages as boxes from top to bottom, with their outputs next to arrows."""
     body, height, step = [], 40.0, 62.0
-    for row, (name, what, writes) in enumerate(STAGES):
+    for row, (name, summary, writes) in enumerate(STAGES):
         y = 14.0 + row * step
         body.append(
             f'<rect x="20" y="{y:g}" width="300" height="{height:g}" rx="7" '
             f'fill="#eef3f9" stroke="{BLUE}" stroke-width="1.4"/>'
         )
         body.append(text(34, y + 17, f"symgrasp {name}", size=13.5, color=INK, anchor="start"))
-        body.append(text(34, y + 33, what, size=11, color=GREY, anchor="start"))
+        body.append(text(34, y + 33, summary, size=11, color=GREY, anchor="start"))
         body.append(
             f'<line x1="322" y1="{y + 20:g}" x2="352" y2="{y + 20:g}" stroke="{BLUE}" '
             f'stroke-width="1.4" marker-end="url(#tip)"/>'
@@ -69,7 +69,7 @@ def stages_figure() -> str:
 
 
 def arrow_tip(color: str, name: str = "tip") -> str:
-    """Return the marker that ends arrows."""
+    """Return the marker at the end of arrows."""
     return (
         f'<defs><marker id="{name}" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="6" '
         f'markerHeight="6" orient="auto"><path d="M0 0 L8 4 L0 8 z" fill="{color}"/></marker>'
@@ -86,7 +86,7 @@ def projected(points: np.ndarray) -> np.ndarray:
 
 
 def box_outline(low: np.ndarray, high: np.ndarray) -> list[str]:
-    """Return the visible faces of a box as polygons, the far ones first."""
+    """Return the visible faces of a box as polygons, far faces first."""
     corner = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
     pixels = projected(low + corner * (high - low))
     faces = ((0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))
@@ -146,7 +146,7 @@ def frame_figure() -> str:
 
 
 def grippers_figure() -> str:
-    """Return every preset, open, to one scale: from the front, and beside it from the side."""
+    """Return every preset, open, to one scale: from the front and from the side."""
     body, column, top = [], 330.0, 90.0
     for place, name in enumerate(preset_names()):
         gripper, left = load_gripper(name), 20.0 + place * column
@@ -170,7 +170,7 @@ def grippers_figure() -> str:
 
 
 def _measures(gripper: Gripper) -> tuple[str, str]:
-    """Return what is written over a hand, in millimetres."""
+    """Return the text over a hand: its measures in millimetres."""
     opening, widest, flange = (
         1000 * each for each in (gripper.max_opening, gripper.max_width, gripper.flange_to_tip)
     )

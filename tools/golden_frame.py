@@ -1,7 +1,7 @@
 """Make the manifest of the default weights: `python tools/golden_frame.py`.
 
-Run it whenever weights, the demo's frames or what `infer` finds were changed on purpose; `symgrasp
-doctor` then compares other machines with this one.
+Run it after every intended change of weights, demo frames or results of `infer`; `symgrasp doctor`
+then compares other machines with this machine.
 """
 
 from pathlib import Path
@@ -16,7 +16,7 @@ FRAME = "table_1"
 
 
 def make_manifest() -> tuple[Manifest, dict[str, str]]:
-    """Return what is shipped, and the digests of the golden frame's files."""
+    """Return the manifest, and the digests of the weights and the golden frame's files."""
     files = {path.name: digest(path) for path in sorted(models.WEIGHTS.glob("*.safetensors"))}
     frame = {path.name: digest(path) for path in sorted(FRAMES.glob(f"{FRAME}_*"))}
     return Manifest(files, FRAME, best_grasps(golden_result(FRAME))), files | frame

@@ -3,13 +3,13 @@
 #
 # FOLDER/report.html and report.json hold Tables I to IV and Sec. IV-E: ours, the paper as printed, the
 # compared methods, the controls, and the cost of each. DATASET is a root in GraspNet-1Billion's layout,
-# with symmetries and affordance labels (annotate-symmetry, refine-grasps), or `dev`, the set of `make
-# dev`, which is made.
-# Every step is a documented command. A step that is finished is skipped and an interrupted one goes on,
-# so that the same call resumes after a kill. `tiny` takes minutes, its figures are of no use.
-# Given weights are taken instead of trained ones: put them at FOLDER/weights/NAME.safetensors before.
-# So are given forms of Table IV, FOLDER/table-iv*.json as `evaluate --table` reads them; without
-# table-iv.json its networks are trained anew. TABLE_IV=no leaves that out.
+# with symmetries and affordance labels (annotate-symmetry, refine-grasps); by default the set of `make
+# dev` is made.
+# Every step is a documented command. A finished step is skipped and an interrupted step continues, so
+# that the same call resumes after a kill. `tiny` takes minutes; its figures are meaningless.
+# Weights at FOLDER/weights/NAME.safetensors replace trained weights if they exist before the call, and
+# tables FOLDER/table-iv*.json, in the format of `evaluate --table`, replace Table IV. Without
+# table-iv.json the networks of Table IV are trained; TABLE_IV=no leaves this out.
 set -eu
 
 FOLDER=$1
@@ -75,19 +75,19 @@ if ! all_given $TRAINED as-printed; then
     fi
 fi
 
-# 3. Grasps of every row on the same frames, and their trials in physics.
+# 3. Grasps of every row on the same frames, and their trials in simulation.
 WITH=""
 row() {
     grasps=$FOLDER/rows/$1.h5 success=$FOLDER/rows/$1.success.json
     if [ "$1" = ours ]; then
-        BESIDE=--baselines
+        BASELINES=--baselines
     else
-        BESIDE="" WITH="$WITH --with $grasps"
+        BASELINES="" WITH="$WITH --with $grasps"
     fi
     WITH="$WITH --success $success"
     shift
     $SYMGRASP infer "$DATASET" --split all --out "$grasps" --timings "$@"
-    $SYMGRASP simulate "$grasps" --dataset "$DATASET" --out "$success" --friction 0.5 $BESIDE
+    $SYMGRASP simulate "$grasps" --dataset "$DATASET" --out "$success" --friction 0.5 $BASELINES
 }
 row ours
 row as-printed --preset paper --network "$WEIGHTS/as-printed.safetensors"
@@ -115,7 +115,7 @@ for table in "$FOLDER"/table-iv*.json; do
     [ ! -e "$table" ] || TABLES="$TABLES --table $table"
 done
 
-# 5. All judged together; a report of before a row or Table IV was made again is made anew.
+# 5. Evaluation of all rows; a report older than a row or than Table IV is made again.
 $PYTHON -m tools.row_costs "$FOLDER"
 later() { find "$FOLDER/rows" "$FOLDER"/table-iv*.json -type f ! -name ".*" -newer "$FOLDER/report.json" 2>/dev/null; }
 [ -z "$(later)" ] || rm "$FOLDER/report.json"

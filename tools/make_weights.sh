@@ -1,11 +1,11 @@
 #!/bin/sh
 # Make all default weights from nothing: tools/make_weights.sh FOLDER [full|small|tiny] [paper]
 #
-# With `paper` as third word the two networks of the paper as printed, `--preset paper`, which needs
+# The third word `paper` makes the two networks of the paper as printed, `--preset paper`, which needs
 # no critics; COCO=FILE names torchvision's COCO weights for the detector to start from.
-# Every step is a documented command. A step that is finished is skipped and an interrupted one goes
-# on, so that the same call resumes after a kill. `full` takes days of a core, `small` two hours, and
-# `tiny` minutes: its weights are of no use, it shows that the chain works.
+# Every step is a documented command. A finished step is skipped and an interrupted step continues, so
+# that the same call resumes after a kill. `full` takes days of a core, `small` two hours, and `tiny`
+# minutes: its weights are useless and only show that the chain works.
 set -eu
 
 FOLDER=$1
@@ -42,7 +42,7 @@ esac
 case $METHOD in
 default) ;;
 paper)
-    # The preset has the batch size and the learning rate; at a training size of its own.
+    # The preset has the batch size and the learning rate; the epochs differ from `default`.
     NETWORK="--preset paper --epochs 40"
     DETECTOR="$DETECTOR --preset paper ${COCO:+--coco-weights $COCO}"
     [ "$SIZE" != tiny ] || NETWORK="--preset paper --batch-size 4 --epochs 1 --set network.num_points=400"
@@ -79,7 +79,7 @@ if [ "$METHOD" = paper ]; then
     exit 0
 fi
 
-# 3. The critics, in the order in which each needs those before, on objects that no network has seen.
+# 3. The critics, each of which needs the previous ones, on objects that no network has seen.
 root held similar "$HELD_SCENES" "$HELD_VIEWS" "$HELD_OBJECTS" 4 7
 CRITIC_ROOTS=""
 for seed in $CRITIC_SEEDS; do

@@ -1,8 +1,8 @@
-"""Ask grasp networks about packed regions: `python tools/network_figures.py PACKED NETWORK ...`.
+"""Evaluate grasp networks on packed regions: `python tools/network_figures.py PACKED NETWORK ...`.
 
-Prints, of each network, the figures that `train` validates by, on all regions of PACKED, and how
-far a scaled copy's points lie off the region's before and after PIFT's first deformation, as a
-share of their spread: what T undoes of a scaling (D. 96).
+Prints for each network the validation figures of `train` on all regions of PACKED, and the distance
+of a scaled copy's points to the region's, before and after PIFT's first deformation, as a share of
+their spread: the effect of T on a scaling (D. 96).
 """
 
 import sys
@@ -36,7 +36,7 @@ def figures(path: Path, regions: RegionSet) -> dict[str, float]:
 
 @torch.no_grad()
 def undone(network: SymmetryGraspNet, regions: RegionSet, config: TrainConfig) -> dict[str, float]:
-    """Return the median of `offset` without and with T; nothing without PIFT."""
+    """Return the median of `offset` without and with T; an empty mapping without PIFT."""
     if not network.is_canonical:
         return {}
     offsets = []
@@ -52,7 +52,7 @@ def undone(network: SymmetryGraspNet, regions: RegionSet, config: TrainConfig) -
 
 
 def deformed_points(network: SymmetryGraspNet, regions: RegionBatch) -> Tensor:
-    """Return (B, N, 3) the points as the first level sees them."""
+    """Return (B, N, 3) the points as input of the first level."""
     seen = regions.points, regions.ground
     deformation = network.features(*seen, camera=regions.camera).deformation
     if deformation is None:
@@ -70,7 +70,7 @@ def offset(
 
 
 def main() -> None:
-    """Print a line a network."""
+    """Print a line for each network."""
     packed, *networks = (Path(argument) for argument in sys.argv[1:])
     reader = PackedReader(packed)
     regions = RegionSet(reader, np.arange(len(reader)))

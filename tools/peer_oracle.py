@@ -1,10 +1,9 @@
-"""The best that a compared method could do: its own labels through its own post-processing.
+"""Upper bound of a compared method: its labels through its post-processing.
 
-`python -m tools.peer_oracle gg-cnn ROOT OUT.h5` writes the grasps of a method that would predict
-exactly the labels it is trained on; `symgrasp evaluate OUT.h5 --dataset ROOT` judges them. ROOT has
-the labels of `synthesize --collision-labels`. What these grasps lack, no training can give: those
-of planar methods come along the camera's axis and take the surface at their middle for the depth
-of the fingers.
+`python -m tools.peer_oracle gg-cnn ROOT OUT.h5` writes the grasps of a method that predicts its
+training labels exactly; `symgrasp evaluate OUT.h5 --dataset ROOT` scores them. ROOT has the labels
+of `synthesize --collision-labels`. No training can exceed these grasps: grasps of planar methods
+approach along the camera's axis and take the surface at their middle for the depth of the fingers.
 """
 
 import argparse
@@ -46,7 +45,7 @@ Represented = Callable[[Array, tuple[int, int]], Array]
 
 
 def as_maps(rows: Array, shape: tuple[int, int]) -> Array:
-    """Return rectangles `rows` (n, 7) of an image (H, W) painted as GG-CNN's maps, and read."""
+    """Return rectangles `rows` (n, 7) of an image (H, W) painted as GG-CNN's maps and read back."""
     scale = MAP_SIDE / min(shape)
     height, width = (round(side * scale) for side in shape)
     painted = GraspMaps.painted(scaled_rows(rows, scale), (height, width))
@@ -59,7 +58,7 @@ def as_boxes(rows: Array, shape: tuple[int, int]) -> Array:
     return rows_of_boxes(horizontal_boxes(rows), orientation_classes(rows), rows[:, 5])
 
 
-# Method -> its representation, and the least score of the rectangles that it learns.
+# Method -> its representation, and the least score of its training rectangles.
 REPRESENTATIONS: dict[str, tuple[Represented, float]] = {
     "gg-cnn": (as_maps, 0.7),
     "multi-grasp": (as_boxes, 0.8),
@@ -80,7 +79,7 @@ class RectangleLabels:
     def grasps(
         self, frame: Frame, scene: SceneCloud, rng: np.random.Generator
     ) -> tuple[GraspPoses, Array]:
-        """Return the labelled grasps of a frame of the dataset as the method would find them."""
+        """Return the labelled grasps of a dataset frame after the method's post-processing."""
         del rng  # nothing is drawn
         represented, least = REPRESENTATIONS[self.name]
         files = self.root.frame(frame.name)
@@ -94,7 +93,7 @@ class RectangleLabels:
 
 @dataclass(frozen=True)
 class CellLabels:
-    """A `FrameMethod`: GraspNet's baseline with the labels of its seeds as its answers."""
+    """A `FrameMethod`: GraspNet's baseline with the labels of its seeds as its predictions."""
 
     root: GraspNetRoot
     gripper: Gripper
@@ -102,7 +101,7 @@ class CellLabels:
     def grasps(
         self, frame: Frame, scene: SceneCloud, rng: np.random.Generator
     ) -> tuple[GraspPoses, Array]:
-        """Return the labelled grasps of a frame of the dataset as the method would find them."""
+        """Return the labelled grasps of a dataset frame after the method's post-processing."""
         labels = graspnet_frame_arrays(self.root, self.root.frame(frame.name))
         if not len(labels["cell"]):
             return GraspPoses.empty(), np.zeros(0)
@@ -116,11 +115,11 @@ class CellLabels:
             each[nearest, view].view(1, -1, NUM_TURNS, DEPTHS).transpose(2, 3)
             for each in (cloud.value, cloud.width, cloud.tolerance)
         )
-        # Turns about the approach are the same in the frame of every view.
+        # Turns about the approach axis are the same in the frame of every view.
         turns = np.swapaxes(view_rotations()[0, 0], 0, 1) @ view_rotations()[0]
         frames = cloud.turns[nearest, view].numpy()[:, None] @ turns
-        said = Operations(value, value, width, tolerance)
-        hands, score = best_hands(seeds.numpy(), frames, said)
+        predicted = Operations(value, value, width, tolerance)
+        hands, score = best_hands(seeds.numpy(), frames, predicted)
         seen = scene.xyz[boxed_points(scene)]
         return collision_free_grasps(hands, score, seen, scene, self.gripper)
 

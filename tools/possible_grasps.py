@@ -1,9 +1,9 @@
-"""Say which objects of a report any hand could hold: `python tools/possible_grasps.py REPORT ROOT`.
+"""Find the objects of a report that any grasp holds: `python tools/possible_grasps.py REPORT ROOT`.
 
-REPORT is what `symgrasp evaluate` wrote for grasps on ROOT. Antipodal pairs are drawn on the true
-meshes, each is tried at evenly spaced angles among the true objects and above the table, with the
-verdict of `evaluate`. That no hand was found is strong evidence and no proof: pairs are a sample.
-Prints each object that was not held, and per split how many could have been.
+REPORT is an output of `symgrasp evaluate` for grasps on ROOT. Antipodal pairs are drawn on the true
+meshes; each is tried at evenly spaced angles among the true objects and above the table, with the
+verdict of `evaluate`. A failed search is strong evidence but no proof: pairs are a sample. Prints
+each object that was not held, and per split the number of objects that some grasp holds.
 """
 
 import sys
@@ -28,24 +28,24 @@ from pipelines.grasping.gripper import Gripper
 from pipelines.metrics.grasp_verdicts import TrueScene, qualities
 from pipelines.storage.provenance import read_stamp
 
-POINTS = 12_000  # of a surface, each with what lies opposite
+POINTS = 12_000  # points of a surface, each with its opposite point
 PAIRS = 600
 ANGLES = 24
-AT_ONCE = 50  # pairs between looks at whether a hand that holds perfectly was found
-MIN_COSINE = 0.7  # of the far normal with the contact line: holds at friction 1, the largest asked
+AT_ONCE = 50  # pairs between checks for a grasp of quality 1
+MIN_COSINE = 0.7  # of the far normal with the contact line: holds at friction 1, the largest value
 INSIDE = 1e-5  # metres below the surface at which a ray starts
 
 
 @dataclass
 class Tally:
-    """What is counted of one split, an entry a visible object."""
+    """Counts of one split, an entry per visible object."""
 
     held: list[bool] = field(default_factory=list)
     best: list[float] = field(default_factory=list)  # quality, 0 to 1, of the best hand found
 
 
 def antipodal_pairs(mesh: Mesh, gripper: Gripper, rng: np.random.Generator) -> Array:
-    """Return (n, 2, 3) up to `PAIRS` opposite points of `mesh`, as far apart as the hand opens."""
+    """Return (n, 2, 3) up to `PAIRS` opposite points of `mesh`, within the hand's largest width."""
     points, normals, _ = sample_surface(mesh, POINTS, rng)
     distance, triangle = first_hits(mesh, points - INSIDE * normals, -normals)
     met = np.isfinite(distance)
@@ -58,7 +58,7 @@ def antipodal_pairs(mesh: Mesh, gripper: Gripper, rng: np.random.Generator) -> A
 
 
 def best_quality(scene: TrueScene, object_id: int, gripper: Gripper) -> float:
-    """Return the quality of the best hand found at an object, 0 if none holds it; camera frame."""
+    """Return the quality of the best grasp found at an object, 0 if none holds; camera frame."""
     rng = np.random.default_rng(object_id)
     pairs = antipodal_pairs(scene.objects[object_id].mesh, gripper, rng)
     best = 0.0
@@ -75,7 +75,7 @@ def best_quality(scene: TrueScene, object_id: int, gripper: Gripper) -> float:
 
 
 def record_frames(report: Path) -> Iterator[FrameRecord]:
-    """Yield the frames that `report` judged."""
+    """Yield the frames that `report` scored."""
     files = sorted(records_folder(report).glob("*.json"))
     if not files:
         raise SystemExit(f"{records_folder(report)}: no records; run `symgrasp evaluate` first")
@@ -84,7 +84,7 @@ def record_frames(report: Path) -> Iterator[FrameRecord]:
 
 
 def main(report: Path, root: GraspNetRoot) -> None:
-    """Print what could have been held."""
+    """Print the objects that were not held, and counts of possible grasps."""
     gripper = load_gripper(read_stamp(report)["config"]["gripper"])
     truths = TruthReader(root, EvaluateConfig())
     tallies: dict[str, Tally] = defaultdict(Tally)
@@ -96,8 +96,8 @@ def main(report: Path, root: GraspNetRoot) -> None:
             tallies[frame.split].held.append(held)
             tallies[frame.split].best.append(max(best, verdict.quality))
             if not held:
-                what = f"{frame.name} object {verdict.object_id:03d}: {verdict.reason}"
-                sys.stdout.write(f"{what}, the best hand found {best:.2f}\n")
+                label = f"{frame.name} object {verdict.object_id:03d}: {verdict.reason}"
+                sys.stdout.write(f"{label}, the best hand found {best:.2f}\n")
     for split, tally in tallies.items():
         held, best = np.array(tally.held), np.array(tally.best)
         sys.stdout.write(

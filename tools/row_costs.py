@@ -1,7 +1,7 @@
 """Costs of the rows of `make tables`: `python -m tools.row_costs FOLDER` writes FOLDER/costs.json.
 
-A table for `symgrasp evaluate --table`. Seconds a frame and the networks are those that the grasps
-of each row tell; steps and hours come from the weights of FOLDER/weights and their checkpoints.
+A table for `symgrasp evaluate --table`. The grasps file of each row gives seconds per frame and
+networks; the weights of FOLDER/weights and their checkpoints give steps and hours.
 """
 
 import argparse
@@ -21,7 +21,7 @@ from pipelines.storage.h5_files import open_h5
 from pipelines.storage.provenance import digest
 
 SHIPPED = Path(__file__).parents[1] / "pipelines" / "weights"
-# Saved with a network, but not learned by gradient descent.
+# Tensors saved with a network, but not learned by gradient descent.
 BUFFERS = ("running_mean", "running_var", "num_batches_tracked", "mean", "spread", "unit")
 HEADER = [
     "row",
@@ -32,14 +32,14 @@ HEADER = [
     "hours of training",
 ]
 NOTE = (
-    "Seconds: the median of `infer`, on the machine and beside the work that it ran with. "
-    "Parameters, steps and hours: of the row's own network; steps and hours where its weights or "
-    "its checkpoint tell them."
+    "Seconds: the median of `infer` in its run, slower with other work on the machine. "
+    "Parameters, steps and hours: of the row's own network; steps and hours if its weights or its "
+    "checkpoint contain them."
 )
 
 
 def parameters(path: Path) -> int:
-    """Return how many numbers of a weights file were learned."""
+    """Return the number of learned parameters of a weights file."""
     tensors, _ = load_arrays(path)
     return sum(each.size for name, each in tensors.items() if name.split(".")[-1] not in BUFFERS)
 
@@ -55,7 +55,7 @@ def training(path: Path) -> tuple[str, str]:
 
 
 def seconds_per_frame(grasps: Path) -> float:
-    """Return the median time of a frame, nan if none was written."""
+    """Return the median time of a frame, nan if no time was written."""
     with open_h5(grasps) as file:
         seconds = file["frames/seconds"][()]
     known = seconds[np.isfinite(seconds)]
@@ -63,7 +63,7 @@ def seconds_per_frame(grasps: Path) -> float:
 
 
 def costs(rows: Iterable[Path], weights: Path) -> GivenTable:
-    """Return the table of the grasps `rows`, whose own weights lie in the folder `weights`."""
+    """Return the table of the grasps `rows`, with their own weights in the folder `weights`."""
     files = {digest(path): path for path in sorted(SHIPPED.glob("*.safetensors"))}
     own = [path for path in weights.glob("*.safetensors") if ".checkpoint" not in path.name]
     files |= {digest(path): path for path in own}
@@ -80,8 +80,8 @@ def costs(rows: Iterable[Path], weights: Path) -> GivenTable:
             count = f"{sum(map(parameters, known)):,}" if len(known) == len(used) else "-"
             cells.append(count if used else "none")
         trained = files.get(network)
-        told = training(trained) if trained in own else ("-", "-")
-        body.append([report_row(name).title, *cells, *told])
+        effort = training(trained) if trained in own else ("-", "-")
+        body.append([report_row(name).title, *cells, *effort])
     return GivenTable("Cost of each row", HEADER, body, NOTE)
 
 

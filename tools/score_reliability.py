@@ -1,10 +1,10 @@
 """Reliability of `rank_score`: `python tools/score_reliability.py GRASPS ROOT [STRIDE] [FRICTION]`.
 
-GRASPS is what `symgrasp infer` wrote for ROOT, a dataset with convex pieces (`symgrasp synthesize`
-makes them). Of every STRIDE-th frame (1), the best grasp of each region that lies on an object and
-one other, drawn by chance, are tried in physics as `symgrasp simulate` tries the best, at FRICTION
-(0.5). Prints a table: scores in ten bins, how many of each bin succeeded, and with what interval;
-then by how much the mean score exceeds the success, with its interval over scenes.
+GRASPS is an output of `symgrasp infer` for ROOT, a dataset with convex pieces (`symgrasp
+synthesize` makes them). In every STRIDE-th frame (1), the best grasp of each region on an object
+and one other, drawn at random, are simulated as `symgrasp simulate` does with the best, at FRICTION
+(0.5). Prints a table with scores in ten bins, the success rate of each bin and its interval; then
+the excess of the mean score over the success rate, with its interval over scenes.
 """
 
 import sys
@@ -31,13 +31,13 @@ from pipelines.simulation.trial import Trial
 from pipelines.simulation.world import at_rest
 
 BINS = 10
-DRAWS = 1000  # of the bootstrap over scenes
+DRAWS = 1000  # draws of the bootstrap over scenes
 NO_CACHE = Path("no-cache")  # the dataset has its convex pieces
 
 
 @dataclass(frozen=True)
 class Tried:
-    """A grasp's score and whether it succeeded, in which scene."""
+    """The scene of a grasp, its score and whether it succeeded."""
 
     scene: int
     score: float
@@ -45,7 +45,7 @@ class Tried:
 
 
 def chosen_rows(table: GraspTable, owners: list[int], rng: np.random.Generator) -> list[int]:
-    """Return the best grasp and a random other of each region that lies on an object."""
+    """Return the best grasp and a random other of each region on an object."""
     rows: list[int] = []
     for region in np.unique(table.region).tolist():
         if owners[region] < 0:
@@ -59,7 +59,7 @@ def chosen_rows(table: GraspTable, owners: list[int], rng: np.random.Generator) 
 def tried_grasps(
     result: FrameResult, root: GraspNetRoot, gripper: Gripper, friction: float
 ) -> Iterator[Tried]:
-    """Yield the chosen grasps of a frame with what became of them in its true scene."""
+    """Yield the outcomes of the chosen grasps of a frame in its true scene."""
     rules, config = EvaluateConfig(), SimulateConfig()
     files = root.frame(result.name)
     truth = TruthReader(root, rules).read(files)
@@ -95,7 +95,7 @@ def reliability_rows(tried: list[Tried]) -> list[str]:
 
 
 def excess(tried: list[Tried]) -> tuple[float, float, float]:
-    """Return by how much the mean score exceeds the success, and its 95 % interval over scenes."""
+    """Return the excess of the mean score over the success, and its 95 % interval over scenes."""
     by_scene: dict[int, list[float]] = {}
     for each in tried:
         by_scene.setdefault(each.scene, []).append(each.score - each.held)

@@ -2,4 +2,4 @@
 
 from pipelines.network.cpu.torchvision_start import import_torchvision
 
-import_torchvision()  # before a module of this package does, which would take seconds longer
+import_torchvision()  # first of all: a module of this package would import it seconds slower

@@ -1,8 +1,8 @@
-"""Random views of a region: whole-cloud augmentation, and the copy scaled for Siamese training.
+"""Random views of a region: whole-cloud augmentation, and the scaled copy for Siamese training.
 
 Labels follow exactly: planes and axes turn with the cloud, and a scaling is only drawn along a
 direction that leaves every symmetry of the region a symmetry (Sec. III-E, "principal").
-Each region draws from a generator of its own, whatever else is in the batch.
+Each region draws from its own generator, independent of the batch.
 """
 
 import math
@@ -20,7 +20,7 @@ from pipelines.network.regions import RegionBatch
 
 ALIGNMENT = 0.03  # cosine, or sine, below which two directions count as perpendicular, or parallel
 
-Generators = Sequence[np.random.Generator]  # one a region
+Generators = Sequence[np.random.Generator]  # one per region
 
 
 def augment(batch: RegionBatch, config: AugmentationConfig, generators: Generators) -> RegionBatch:
@@ -46,9 +46,9 @@ def scaled_copy(
 ) -> RegionBatch:
     """Return the regions scaled along or across one principal direction each (Fig. 3).
 
-    A plane allows any direction along or across its normal. A rotation stays one only if its axis
-    is such a direction and both directions across it share one scale. A sphere becomes an
-    ellipsoid: the features of its points should stay, but its labels no longer hold.
+    A plane allows any direction along or across its normal. A rotation stays a symmetry only if the
+    direction is its axis, so that both directions across the axis share one scale. A sphere becomes
+    an ellipsoid: the features of its points should not change, but its labels no longer hold.
     """
     direction, keeps = principal_directions(batch, generators)
     limit, drawn = math.log(config.principal_scale), _uniform(generators, 2)
@@ -59,16 +59,17 @@ def scaled_copy(
     scaling = torch.where(along, factor, one)[:, None, None] * outer + torch.where(
         along, one, factor
     )[:, None, None] * (torch.eye(3) - outer)
-    # Normals and axes are eigenvectors of the scaling: they keep their directions.
+    # Normals and axes are eigenvectors of the scaling and keep their directions.
     return batch.mapped(scaling, torch.eye(3).expand_as(scaling))
 
 
 def principal_directions(batch: RegionBatch, generators: Generators) -> tuple[Tensor, Tensor]:
     """Return a random direction (B, 3) along which scaling keeps all planes and axes.
 
-    Candidates are the normals and the axis, their cross products, a random direction across the
-    only one there is, and for regions without any (or spheres) a random one. Measured symmetries
-    may fit each other so badly that none keeps all: (B,) is true for regions where one does.
+    Candidates are the normals and the axis, their cross products, a random direction across a
+    single normal or axis, and for regions without both (or spheres) a random direction. Measured
+    symmetries may fit each other so badly that no direction keeps all: then the second result (B,)
+    is false.
     """
     directions = batch.direction[:, :SPHERE_SLOT]  # (B, 4, 3)
     exists = batch.existence[:, :SPHERE_SLOT] > 0
@@ -90,7 +91,7 @@ def principal_directions(batch: RegionBatch, generators: Generators) -> tuple[Te
     keeps = (cosine < ALIGNMENT) | (cosine > 1.0 - ALIGNMENT**2)
     keeps[..., ROTATION_SLOT] = cosine[..., ROTATION_SLOT] > 1.0 - ALIGNMENT**2
     valid = (keeps | ~exists[:, None]).all(-1) & (length[..., 0] > 0.1) & exists.any(-1)[:, None]
-    # A valid one, drawn by its number among the valid ones; any where none is valid.
+    # A valid candidate, drawn by its number among the valid ones; any if none is valid.
     number = (_uniform(generators, 1) * valid.sum(1, keepdim=True)).floor()
     chosen = ((valid.cumsum(1) > number) & valid).float().argmax(1)
     picked = candidates.gather(1, chosen[:, None, None].expand(-1, 1, 3))[:, 0]
@@ -99,7 +100,7 @@ def principal_directions(batch: RegionBatch, generators: Generators) -> tuple[Te
 
 
 def _normal(generators: Generators, *shape: int) -> Tensor:
-    """Return normal numbers (B, *shape)."""
+    """Return normally distributed numbers (B, *shape)."""
     drawn = [each.standard_normal(shape, np.float32) for each in generators]
     return torch.from_numpy(np.stack(drawn))
 
@@ -112,7 +113,7 @@ def _uniform(generators: Generators, count: int) -> Tensor:
 def _rotations(
     vectors: Tensor,  # (B, 3)
 ) -> Tensor:
-    """Return rotations (B, 3, 3) by rotation vectors, radians."""
+    """Return the rotations (B, 3, 3) of rotation vectors in radians."""
     x, y, z = vectors.unbind(-1)
     zero = torch.zeros_like(x)
     skew = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).view(-1, 3, 3)

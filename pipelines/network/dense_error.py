@@ -1,7 +1,7 @@
 """Dense symmetry error in torch: the distance of points' images under two symmetries (D. 11).
 
-All lengths share one unit, any. Signs of normals and axes do not matter. B clouds, Q predictions
-for each, one truth for each, S points on which the error is measured.
+All lengths share one arbitrary unit. Signs of normals and axes do not matter. There are B clouds,
+with Q predictions, one truth and S points for the measurement each.
 """
 
 import math
@@ -42,8 +42,8 @@ def reflection_errors(
 ) -> Tensor:
     """Return the mean over the points of |S_pred(x) - S_gt(x)|, (B, Q).
 
-    With h the signed distance from each plane, the images differ by 2 (h' n' - h n), whose length
-    needs no image: |h' n' - h n|^2 = h'^2 + h^2 - 2 h' h (n' . n).
+    With h the signed distance from each plane, the images differ by 2 (h' n' - h n). The length of
+    this difference needs no image: |h' n' - h n|^2 = h'^2 + h^2 - 2 h' h (n' . n).
     """
     predicted = _heights(points, normal, center)
     true = _heights(points, true_normal[:, None], true_center[:, None])
@@ -62,7 +62,7 @@ def rotation_errors(
     """Return the mean over the points and `TURNS` of |S_pred(x) - S_gt(x)|, (B, Q).
 
     A turn by t moves x by a x_across + b (axis x x_across), a = cos t - 1, b = sin t. Two such
-    moves differ by a u + b v, whose length follows from three products of u and v for all turns.
+    moves differ by a u + b v; three products of u and v give its length for all turns.
     """
     true_axis, true_center = true_axis[:, None], true_center[:, None]
     sign = torch.where((axis * true_axis).sum(-1) < 0, -1.0, 1.0)[..., None, None]
@@ -78,19 +78,19 @@ def rotation_errors(
 
 
 def _heights(points: Tensor, normal: Tensor, center: Tensor) -> Tensor:
-    """Signed distances (B, Q, S) of points (B, S, 3) from planes (B, Q, 3)."""
+    """Return signed distances (B, Q, S) of points (B, S, 3) from planes (B, Q, 3)."""
     return torch.sub(normal @ points.transpose(1, 2), (normal * center).sum(-1, keepdim=True))
 
 
 def _across(points: Tensor, axis: Tensor, center: Tensor) -> Tensor:
-    """Vectors (B, Q, 3, S) from axes (B, Q, 3) to points (B, S, 3), across the axis."""
+    """Return vectors (B, Q, 3, S) from axes (B, Q, 3) to points (B, S, 3), across the axis."""
     offset = points.transpose(1, 2)[:, None] - center[..., None]
     along = _heights(points, axis, center)[:, :, None]
     return torch.sub(offset, along * axis[..., None])
 
 
 def _cross(axis: Tensor, vectors: Tensor) -> Tensor:
-    """Products (B, Q, 3, S) of axes (B, Q, 3) with `vectors`; quicker than torch's own."""
+    """Return cross products (B, Q, 3, S) of axes (B, Q, 3) and `vectors`, faster than torch."""
     a, b, c = axis[..., None].unbind(2)
     x, y, z = vectors.unbind(2)
     return torch.stack([b * z - c * y, c * x - a * z, a * y - b * x], 2)

@@ -9,10 +9,10 @@ from pipelines.errors import UnknownNameError, ValueRangeError
 def find_device(name: str, process: int | None = None) -> torch.device:
     """Return the device called `name`; `auto` is a GPU if there is one, else the CPU.
 
-    `process`: number of the calling process on this machine; `auto` and `cuda` are its own GPU.
+    `process`: number of the calling process on this machine; `auto` and `cuda` take this GPU.
 
     Raises:
-        UnknownNameError: `name` is none of the known ones.
+        UnknownNameError: `name` is unknown.
         ValueRangeError: there is no such GPU.
     """
     if name == "auto":
@@ -28,8 +28,8 @@ def find_device(name: str, process: int | None = None) -> torch.device:
 
 
 def on_cpu(tensor: Tensor) -> bool:
-    """Return whether `tensor` lies in the memory of the CPU.
+    """Return whether `tensor` is in the memory of the CPU.
 
-    Layers call it as `devices.on_cpu`: tests replace it to take the way of GPUs on a CPU.
+    Layers call this as `devices.on_cpu`, which tests replace to run the code for GPUs on a CPU.
     """
     return tensor.device.type == "cpu"

@@ -10,10 +10,10 @@ from torch.nn import functional
 from pipelines.geometry.symmetry import NUM_SLOTS
 
 NUM_DIRECTIONS = 4  # slots with a direction: all but the sphere
-FIRST_OUTPUTS = 0.3  # scale of the last layers' first weights, against Kaiming's
-POWER_STEPS = 4  # squarings: the second eigenvalue fades as its ratio to the first, to the 16th
+FIRST_OUTPUTS = 0.3  # scale of the last layers' first weights, relative to Kaiming's
+POWER_STEPS = 4  # squarings: the second eigenvalue's ratio to the first fades to its 16th power
 POSITIVE_SHIFT = 1.2  # no eigenvalue of a matrix with six numbers of unit length is below -1.2
-TINY_LENGTH, TINY_SQUARE = 1e-6, 1e-24  # finite quotients and gradients at zero
+TINY_LENGTH, TINY_SQUARE = 1e-6, 1e-24  # keep quotients and gradients finite at zero
 
 
 def mlp(in_dim: int, hidden: tuple[int, int, int], out_dim: int) -> nn.Sequential:
@@ -28,8 +28,8 @@ def mlp(in_dim: int, hidden: tuple[int, int, int], out_dim: int) -> nn.Sequentia
 class Heads(nn.Module):
     """Three MLPs: affordance (regression), existence (classification), parameters (regression).
 
-    A plane's normal and an axis have no sign, and a vector that turns with the object must jump
-    somewhere. So six numbers are regressed, a symmetric matrix that can turn without a jump, and
+    A plane's normal and an axis have no sign, so a vector that turns with the object must jump
+    somewhere. Six regressed numbers instead form a symmetric matrix, which turns without a jump;
     the direction is its leading eigenvector.
     """
 
@@ -69,16 +69,16 @@ def leading_direction(
 ) -> Tensor:
     """Return the unit eigenvector (..., 3) of the largest eigenvalue of a symmetric matrix.
 
-    `six` holds xx, yy, zz, xy, xz, yz. A high power of the matrix, made positive, has columns that
-    are all along that eigenvector; the longest is taken. So there is a gradient everywhere, also
-    where two eigenvalues are equal.
+    `six` holds xx, yy, zz, xy, xz, yz. A high power of the matrix, made positive, has columns
+    that are all along the eigenvector; the result is the longest. This has a gradient everywhere,
+    also where two eigenvalues are equal.
     """
-    # Entries are the first axis: a product of many 3 x 3 matrices is a few sums of long rows.
+    # Entries are the first axis, so that a product of many 3 x 3 matrices is a few long sums.
     rows = six.movedim(-1, 0).contiguous()
     rows = rows / (_length(rows) + TINY_LENGTH)
     power = (*(rows[:3] + POSITIVE_SHIFT).unbind(), *rows[3:].unbind())
     for _ in range(POWER_STEPS):
-        # Never out of range: eigenvalues are between 0.6 and 2.2, their power of 16 is not large.
+        # No overflow: eigenvalues are between 0.6 and 2.2, and their 16th powers are not large.
         power = _squared(*power)
     xx, yy, zz, xy, xz, yz = power
     column = torch.where(yy > xx, torch.stack([xy, yy, yz]), torch.stack([xx, xy, xz]))
@@ -89,7 +89,7 @@ def leading_direction(
 def _length(
     vectors: Tensor,  # (C, ...)
 ) -> Tensor:
-    """Return lengths (...) that do not depend on a vector's place in its row.
+    """Return lengths (...), with bits that do not depend on a vector's place in its row.
 
     `Tensor.norm` is slow where C is not the last axis, and `sum` depends on the place.
     """
@@ -101,7 +101,7 @@ def _squared(
     xx: Tensor, yy: Tensor, zz: Tensor, xy: Tensor, xz: Tensor, yz: Tensor
 ) -> tuple[Tensor, ...]:
     """Return the six numbers, each (...), of the squares of symmetric matrices."""
-    # Not `addcmul`, which rounds a row's last elements otherwise than its first ones.
+    # Not `addcmul`, which rounds the last elements of a row differently from the first.
     xy_xy, xz_xz, yz_yz = xy * xy, xz * xz, yz * yz
     return (
         (xx * xx).add_(xy_xy).add_(xz_xz),

@@ -1,8 +1,8 @@
 """The training loss (Sec. III-E): consistency, affordance (Eq. 6) and symmetry (Eq. 7).
 
-Every term is a mean over points where the paper has a sum: the weights of the terms stay the
+Every term is a mean over points where the paper has a sum: the weights of the terms are the
 paper's, and the number of queried points does not change the step. `TrainConfig.loss` chooses
-between the terms as printed and the balanced ones.
+between the terms as printed and balanced terms.
 """
 
 import torch
@@ -21,16 +21,16 @@ from pipelines.network.matching import NUM_REFLECTIONS, match_reflections
 from pipelines.network.model import Prediction
 from pipelines.network.regions import RegionBatch
 
-# Chosen by eye, all of these.
-# Added to the predicted affordance before Eq. 7 weighs by it: a fresh network predicts none.
+# All constants here are chosen by eye.
+# Added to the predicted affordance before Eq. 7 weights by it: a fresh network predicts 0.
 WEIGHT_FLOOR = 0.1
-# A thin object's mirror images are close together: the dense error is divided by at least this
-# share of the object's size, or such objects would outweigh all others.
+# Divisor of the dense error, at least: this share of the object's size. Thin objects, which have
+# mirror images close together, would otherwise outweigh all others.
 MIN_EXTENT_SHARE = 0.3
 GRASPABLE = 0.05  # affordance above which a point counts as positive
-MAX_BALANCE = 4.0  # a rare class weighs at most this many times a common one
-MIN_VARIANCE = 1e-6  # of features, where they are all the same
-RIGHT = 0.134  # error of a symmetry, relative to its extent, below which grasps can rest on it
+MAX_BALANCE = 4.0  # largest weight of a rare class relative to a common class
+MIN_VARIANCE = 1e-6  # least variance of features, which may all be equal
+RIGHT = 0.134  # largest relative error of a symmetry that is exact enough for grasps
 NUM_ERROR_POINTS = 16  # points of the region on which dense errors are measured
 
 
@@ -45,13 +45,13 @@ def total_loss(
     """Return L = w^f L^f + w^a sum L^a + w^s sum L^s over one batch, `total`, and its terms.
 
     Args:
-        prediction: of the Q queried points.
+        prediction: prediction at the Q queried points.
         truth: labels of the same points.
         pair: features of points in initial regions and in scaled copies; None without Siamese
             training.
         config: weights of the terms.
-        points: of the region, metres, on which dense errors are measured.
-        labelled: 1 where the labels hold, 0 where they are ignored; None where all hold.
+        points: points of the regions, metres, for the measurement of dense errors.
+        labelled: 1 where labels hold, 0 where they are ignored; None if all labels hold.
     """
     if labelled is None:
         labelled = torch.ones_like(truth.ground)
@@ -90,10 +90,10 @@ def consistency_loss(
     features: Tensor,  # (B, Q, C)
     copy_features: Tensor,  # (B, Q, C)
 ) -> Tensor:
-    """Return L^f: mean squared distance of a point's two features, by the features' variance.
+    """Return L^f: mean squared distance of a point's two features, divided by their variance.
 
-    Without it, features would become close by shrinking. The variance is over all points, a mean
-    over channels (D. 96).
+    Without the division, features would become close by shrinking. The variance is over all points,
+    a mean over channels (D. 96).
     """
     both = torch.cat([features, copy_features]).flatten(0, 1)
     return functional.mse_loss(features, copy_features) / (both.var(0).mean() + MIN_VARIANCE)
@@ -119,7 +119,7 @@ def plain_affordance_loss(
 def plain_weights(
     affordance: Tensor,  # (B, Q)
 ) -> Tensor:
-    """Return a_j of Eq. 7 over Q, without a gradient: with one, a_j would fall without end."""
+    """Return a_j / Q of Eq. 7 without a gradient, which would reduce a_j without end."""
     return affordance.detach().clamp(0.0, 1.0) / affordance.shape[-1]
 
 
@@ -128,10 +128,10 @@ def affordance_loss(
     truth: Tensor,  # (B, Q)
     labelled: Tensor | None = None,  # (B,)
 ) -> Tensor:
-    """Return the L1 of Eq. 6, graspable and other points weighing alike.
+    """Return the L1 of Eq. 6 with equal weights of graspable and other points.
 
-    The median minimises an L1, and is zero where few points are graspable. So the batch's positives
-    and negatives each get half of the weight, within `MAX_BALANCE`.
+    The median minimises an L1, and is zero if few points are graspable. Therefore the positives and
+    the negatives of the batch each get half of the weight, within `MAX_BALANCE`.
     """
     positive = (truth > GRASPABLE).to(truth.dtype)
     share = positive.mean().clamp(1e-3, 1.0 - 1e-3)
@@ -145,7 +145,7 @@ def affordance_loss(
 def symmetry_weights(
     affordance: Tensor,  # (B, Q)
 ) -> Tensor:
-    """Return the weights a_j of Eq. 7, rows summing to one, without a gradient (D. 1)."""
+    """Return the weights a_j of Eq. 7 without a gradient; rows sum to one (D. 1)."""
     weight = affordance.detach().clamp(0.0, 1.0) + WEIGHT_FLOOR
     return weight / weight.sum(-1, keepdim=True)
 
@@ -157,7 +157,7 @@ def existence_loss(
 ) -> Tensor:
     """Return L_c of each point (B, Q): five binary cross-entropies, summed (D. 12).
 
-    With `is_right`, a symmetry that is listed exists where the point's prediction of it is right.
+    With `is_right`, a labelled symmetry exists only at points that predict it right.
     """
     target = truth.existence[:, None].expand_as(logits)
     if is_right is not None:
@@ -170,7 +170,7 @@ def slot_errors(
     truth: RegionBatch,
     points: Tensor,  # (B, S, 3)
 ) -> Tensor:
-    """Return the errors (B, Q, 5) of each point's symmetries; L_r sums those that exist.
+    """Return the errors (B, Q, 5) of each point's symmetries; L_r sums over existing symmetries.
 
     Reflection and rotation: dense error relative to the true extent. Sphere: squared distance of
     the centre in units of the radius, dimensionless as the others.

@@ -9,7 +9,7 @@ from pipelines.network.dense_error import reflection_errors
 from pipelines.network.regions import RegionBatch
 
 NUM_REFLECTIONS = 3
-MAX_MATCHED = 96  # about as many points vote on the assignment; chosen by eye
+MAX_MATCHED = 96  # approximate number of points that vote on the assignment; chosen by eye
 MOST = 1e12  # stands for infinite costs; three of them can be added in single precision
 
 
@@ -21,7 +21,7 @@ def match_reflections(
     center: Tensor,  # (B, Q, 3, 3)
     weight: Tensor,  # (B, Q)
 ) -> RegionBatch:
-    """Return `truth` with its planes moved to the slots whose predictions fit them best.
+    """Return `truth` with its planes in the slots that predict them best.
 
     The cost of a plane in a slot is the dense error of the slot's predictions, averaged over (some
     of) the Q points by `weight` (B, Q). Labels may list planes in any order.
@@ -37,7 +37,7 @@ def match_reflections(
     costs = torch.stack([(error * weight).sum(-1) for error in errors], -1)
     cost = costs.view(-1, NUM_REFLECTIONS, NUM_REFLECTIONS)  # (B, slot, plane)
     existing = truth.existence[:, None, :NUM_REFLECTIONS] > 0
-    # An absent plane costs the same everywhere: it takes the slots that the others leave.
+    # An absent plane has equal costs everywhere, so it takes a slot that the others leave.
     order = assign(torch.where(existing, cost, 0.0))
     others = torch.arange(NUM_REFLECTIONS, NUM_REFLECTIONS + 2, device=order.device)
     picked = torch.cat([order, others.expand(len(order), 2)], 1)
@@ -51,11 +51,11 @@ def match_reflections(
 
 
 def assign(cost: Tensor) -> Tensor:
-    """Return the plane (B, slot) of each slot at the least sum of `cost` (B, slot, plane).
+    """Return the plane (B, slot) of each slot that minimises the sum of `cost` (B, slot, plane).
 
-    All six assignments are compared on the device of the costs: a GPU need not wait for the host.
-    Costs that are not finite do not fail here: the loss is not finite then either, and training
-    reports that and keeps the batch.
+    All six assignments are compared on the device of the costs, so that a GPU need not wait for the
+    host. Costs that are not finite do not fail here: the loss is then not finite either, which the
+    training reports.
     """
     finite = torch.nan_to_num(cost, nan=MOST, posinf=MOST, neginf=-MOST)
     orders = _assignments(cost.device)
@@ -64,9 +64,9 @@ def assign(cost: Tensor) -> Tensor:
 
 
 def _assignments(device: torch.device) -> Tensor:
-    """Return all (6, slot) assignments of planes to slots, made where they are used."""
+    """Return all (6, slot) assignments of planes to slots, on `device`."""
     number = torch.arange(6, device=device)
     first = number // 2
-    lower, upper = (first == 0).long(), 2 - (first == 2).long()  # the planes that are left
+    lower, upper = (first == 0).long(), 2 - (first == 2).long()  # the remaining planes
     second = torch.where(number % 2 == 0, lower, upper)
     return torch.stack([first, second, lower + upper - second], 1)

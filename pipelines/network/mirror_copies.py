@@ -1,7 +1,7 @@
-"""Outputs of the network for regions and for their mirror images, joined into one (D. 101).
+"""Joint output of the network for regions and for their mirror images (D. 101).
 
 The mirror swaps left and right, the first axis of both input frames, as training does. The two
-outputs differ where the network is not sure, and their mean is more certain than either.
+outputs differ where the network is uncertain, and their mean is better than either output.
 """
 
 import itertools
@@ -25,17 +25,17 @@ class RegionOutputs:
     direction: Singles  # (B, M, 5, 3) unit; zeros for the sphere
 
     def mirrored(self) -> "RegionOutputs":
-        """Return the same in the mirror image of the frame."""
+        """Return the outputs in the mirror image of the frame."""
         center, direction = self.center @ MIRROR, self.direction @ MIRROR
         return RegionOutputs(self.affordance, self.existence, center, direction)
 
 
 def with_copy(outputs: RegionOutputs, of_copy: RegionOutputs) -> RegionOutputs:
-    """Return the mean affordance, and the symmetries of both, 2 M a region.
+    """Return the mean affordance, and the symmetries of both, 2 M per region.
 
-    `of_copy`: of the mirrored regions, brought back. The network is free to predict a plane in any
-    slot, and in another one for the copy: the copy's slots are put in the order in which its planes
-    agree best with those of `outputs`.
+    `of_copy`: outputs for the mirrored regions, mirrored back. The network may predict a plane in
+    any slot, and in another slot for the copy: the slots of the copy are reordered so that its
+    planes agree best with the planes of `outputs`.
     """
     existence, center, direction = [], [], []
     for region in range(len(outputs.affordance)):

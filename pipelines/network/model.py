@@ -37,8 +37,8 @@ class PointFeatures:
     """Features of Q points of each of B clouds."""
 
     values: Tensor  # (B, Q, 128), f_j
-    # Of the first level, in whose frame points are seen and symmetries predicted; None where that
-    # is the frame of the input.
+    # Deformation of the first level, in the frame of which symmetries are predicted; None if
+    # this is the frame of the input.
     deformation: Deformation | None
 
 
@@ -67,7 +67,7 @@ class SymmetryGraspNet(nn.Module):
     def _initialize(self) -> None:
         """Draw weights so that differences between points reach the heads undiminished.
 
-        torch's default shrinks them at each layer, and its biases add what all points share.
+        torch's default shrinks the differences at each layer, and its biases add a common part.
         """
         for name, module in self.named_modules():
             if isinstance(module, nn.Linear) and not name.endswith("regress"):
@@ -83,14 +83,14 @@ class SymmetryGraspNet(nn.Module):
         query: Tensor | None = None,  # (B, Q)
         camera: Tensor | None = None,  # (B, 3)
     ) -> PointFeatures:
-        """Return the features of the points with indices `query`, by default of all.
+        """Return the features of the points with indices `query`, by default of all points.
 
         Args:
             points: metres, axes of the `input_frame`, centred on their centroid.
-            ground: metres from the table up to the centroid, 0 (as by default) where it is not
+            ground: metres from the table up to the centroid, 0 (the default) where it is not
                 known; for networks with the input frame `table`.
             query: indices of points.
-            camera: metres, its place in the frame of the points; for networks that see it.
+            camera: metres, camera's place in the frame of the points; for networks that see it.
         """
         points = points * UNITS_PER_METER
         first = points  # P_0; its own coordinates, and heights, are its first features
@@ -151,13 +151,13 @@ class SymmetryGraspNet(nn.Module):
     ) -> Prediction:
         """Return predictions at the points `query`, by default at all; units as `features`.
 
-        Every `stride`-th of them votes for symmetries.
+        Every `stride`-th of these points votes for symmetries.
         """
         return self.predict(self.features(points, ground, query, camera), stride)
 
 
 def _pifts(dims: Sequence[int], config: NetworkConfig) -> Iterator[nn.Module]:
-    """Yield F^PIFT of each level; `dims`: features of a point there."""
+    """Yield F^PIFT of each level; `dims`: number of features of a point at each level."""
     for dim, count in zip(dims, (config.num_points, *config.set_points[:-1]), strict=True):
         yield PIFT(dim) if config.pift == "spread" else ConvolutionPIFT(dim, count)
 
@@ -170,7 +170,7 @@ def _undone(
     """Return centres and directions of the deformed frame in the frame of P_0.
 
     Features that are invariant to a scaling cannot place the centre of a scaled cloud; in the
-    deformed frame, where the scaling is undone, the centre stays where it is (D. 83).
+    deformed frame, where the scaling is undone, the centre does not move (D. 83).
     """
     batch = len(center)
     planes, axis, none = torch.split(direction, [ROTATION_SLOT, 1, 1], dim=2)
@@ -184,6 +184,6 @@ def _heights(
     points: Tensor,  # (B, N, 3)
     ground: Tensor,  # (B,)
 ) -> Tensor:
-    """Return (B, N, 1) heights above the table; zeros where no table is known."""
+    """Return (B, N, 1) heights above the table; zeros if no table is known."""
     known = (ground != 0)[:, None, None]
     return torch.where(known, points[..., 2:] + ground[:, None, None], 0.0)

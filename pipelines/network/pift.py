@@ -1,13 +1,13 @@
 """Principal-directional scale-Invariant Feature Transformer, PIFT (Sec. III-E, Eqs. 3-5).
 
-A small point convolutional network sees a layer's points and proposes T = S R: turn the cloud into
+A small point convolutional network sees a layer's points and predicts T = S R: turn the cloud into
 a canonical frame, then scale it along that frame's axes. The layer aggregates features among the
-deformed points; its sampled points are brought back exactly, and so are the planes, axes and
-centres that are predicted in the canonical frame.
+deformed points; its sampled points are mapped back exactly, and so are the planes, axes and centres
+that are predicted in the canonical frame.
 
-Two kinds of F^PIFT: `ConvolutionPIFT` as printed, a point convolution with a regression layer; and
-`PIFT`, whose scale is a learned power of the cloud's own spread: with the power -1 it undoes a
-scaling along the frame's axes (D. 96).
+F^PIFT has two kinds. `ConvolutionPIFT`, as printed, is a point convolution with a regression layer.
+The scale of `PIFT` is a learned power of the cloud's own spread: the power -1 undoes a scaling
+along the frame's axes (D. 96).
 """
 
 from dataclasses import dataclass
@@ -18,14 +18,14 @@ from torch.nn import functional
 
 from pipelines.network.pointnet2 import SetAbstraction
 
-# Chosen by eye, all of these.
-MAX_LOG_SCALE = 1.0  # scales stay within [1/e, e] in every layer, whatever is regressed
-MAX_POINTS = 375  # about as many points are seen: the pose of a cloud needs no more
-TYPICAL_SPREAD = 0.25  # decimetres, root mean square along an axis, of a cloud that stays as it is
+# All constants here are chosen by eye.
+MAX_LOG_SCALE = 1.0  # scales stay within [1/e, e] in every layer
+MAX_POINTS = 375  # approximate number of points seen: the pose of a cloud needs no more
+TYPICAL_SPREAD = 0.25  # decimetres, root mean square along an axis, of a cloud that is not scaled
 MIN_SPREAD = 0.01  # decimetres; flat clouds stay flat
-POWER_GAIN = 10.0  # one weight learns the power as fast as many learn a regressed number
+POWER_GAIN = 10.0  # lets one weight learn the power as fast as many learn a regressed number
 IDENTITY_6D = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
-MAX_GROUPS, GROUP_SIZE = 64, 16  # of the point convolution
+MAX_GROUPS, GROUP_SIZE = 64, 16  # groups of the point convolution
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class PIFT(nn.Module):
         self.norm = nn.LayerNorm(hidden)
         self.hidden = nn.Linear(hidden, hidden)
         self.regress = _regression(hidden)
-        self.power = nn.Parameter(torch.zeros(()))  # of the spread, times POWER_GAIN
+        self.power = nn.Parameter(torch.zeros(()))  # power of the spread, divided by POWER_GAIN
 
     def forward(
         self,
@@ -105,7 +105,7 @@ class PIFT(nn.Module):
 class ConvolutionPIFT(nn.Module):
     """F^PIFT as Sec. III-E prints it: a point convolutional network with a regression layer.
 
-    Groups of neighbours are pooled, and these pooled; R and S are regressed, the identity at first.
+    Groups of neighbours are pooled, then all groups; R and S are regressed, the identity at first.
     """
 
     def __init__(self, feature_dim: int, num_points: int) -> None:
@@ -129,7 +129,7 @@ class ConvolutionPIFT(nn.Module):
 
 
 def _regression(hidden: int) -> nn.Linear:
-    """Return a layer of rotation and scale that gives the identity at first."""
+    """Return a layer that regresses rotation and scale and gives the identity at first."""
     layer = nn.Linear(hidden, 9)
     nn.init.zeros_(layer.weight)
     with torch.no_grad():
@@ -143,7 +143,7 @@ def _log_spread(
 ) -> Tensor:
     """Return (B, 3) logarithms of the spread of centred points along the rows of `rotation`.
 
-    Relative to a typical spread: 0 leaves the cloud as it is.
+    Values are relative to a typical spread: 0 leaves the cloud unscaled.
     """
     turned = points @ rotation.transpose(1, 2)
     spread = (turned.square().mean(1) + MIN_SPREAD**2).sqrt()
@@ -153,7 +153,7 @@ def _log_spread(
 def rotation_from_6d(
     vectors: Tensor,  # (B, 6)
 ) -> Tensor:
-    """Return rotations (B, 3, 3) whose first two rows are the two 3-vectors, orthonormalised."""
+    """Return rotations (B, 3, 3) with the two orthonormalised 3-vectors as first two rows."""
     first = functional.normalize(vectors[:, :3], dim=-1)
     across = vectors[:, 3:] - (first * vectors[:, 3:]).sum(-1, keepdim=True) * first
     second = functional.normalize(across, dim=-1)

@@ -1,8 +1,8 @@
 """Layers of PointNet++: set abstraction and feature propagation.
 
-Linear layers come before grouping and before interpolation, which leaves their results as they
-are: a layer of (p_j - c_i, e_j) is W [p_j, e_j] - W_p c_i, so that it is applied to each point once
-and not once a group. Activations are normalised after pooling, where they are fewer.
+Linear layers come before grouping and before interpolation, with unchanged results: a layer of
+(p_j - c_i, e_j) is W [p_j, e_j] - W_p c_i, so that it is applied once to each point and not once
+per group. Activations are normalised after pooling, where they are fewer.
 """
 
 import torch
@@ -31,9 +31,9 @@ class PointNorm(nn.BatchNorm1d):
 class SetAbstraction(nn.Module):
     """Sample points, group their neighbours, and pool a small network over each group.
 
-    Neighbours are the k nearest, not those within a radius: a group then has as many points on a
-    large object as on a small one, and follows PIFT's scaling. They are sought among every
-    `stride`-th point, which makes a group of the same size wider. Points are in random order.
+    Neighbours are the k nearest points, not the points within a radius: a group then has as many
+    points on a large object as on a small one, and follows PIFT's scaling. The search is among
+    every `stride`-th point, which widens a group of the same size. Points are in random order.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ def pooled_groups(
     group: nn.Linear,  # from C to D
 ) -> Tensor:
     """Return features (B, M, D) of M groups: the maximum of `group` over the K members of each."""
-    # In place on the sum, which is no view: of a view, autograd would keep and copy the whole.
+    # In place on the sum, which is no view: autograd would keep and copy the base of a view.
     hidden = torch.relu_(gather(projected, neighbors) + offset[:, :, None])
     pooled: Tensor = group(hidden)
     return pooled.amax(-2)

@@ -22,25 +22,25 @@ from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.weights_files import fill, read_weights
 from pipelines.tabletop.levelling import level_axes
 
-# Of the points that vote for symmetries; points are in random order, and their mean counts.
+# Every third point votes for symmetries; points are in random order, and their mean counts.
 VOTING_STRIDE = 3
 
 
 @dataclass(frozen=True)
 class RegionPrediction(RegionOutputs):
-    """The outputs for one region, camera frame: of N points, and M votes for symmetries.
+    """The outputs for one region, camera frame: for N points, with M votes for symmetries.
 
-    Every third point votes, with a mirrored copy twice.
+    Every third point votes, twice if there is a mirrored copy.
     """
 
-    # (N,) indices of the region's points that were drawn; some twice where it has fewer.
+    # (N,) indices of the drawn points of the region; some twice if the region has fewer.
     index: NDArray[np.int64]
 
 
 class GraspPredictor:
     """Draws points from regions, centres them, runs the network on all regions at once.
 
-    `mirrored`: the network sees the regions' mirror images as well (D. 101).
+    `mirrored`: whether the network also sees the regions' mirror images (D. 101).
     """
 
     def __init__(
@@ -71,10 +71,10 @@ class GraspPredictor:
     ) -> list[RegionPrediction]:
         """Return predictions for regions of (n, 3) points each, metres, camera frame.
 
-        `table`: the support plane, camera frame, normal up; None where none is known.
+        `table`: the support plane, camera frame, normal up; None if unknown.
 
-        A region's prediction depends on `seed` and the region alone, on a CPU to the last bit: not
-        on other regions of the list, nor on the number of threads (D. 61).
+        A region's prediction depends on `seed` and the region alone, on a CPU to the last bit, and
+        not on other regions of the list or on the number of threads (D. 61).
 
         Raises:
             ValueRangeError: a region has no points, or points that are not finite.
@@ -102,7 +102,7 @@ class GraspPredictor:
         return [RegionPrediction(*each) for each in zip(*columns, strict=True)]
 
     def _axes(self, centroids: Array, table: Plane | None) -> Array:
-        """Return (B, 3, 3) rotations from camera axes to those of the input frame."""
+        """Return (B, 3, 3) rotations from camera axes to the axes of the input frame."""
         if self.config.input_frame == "camera":
             return np.broadcast_to(np.eye(3), (len(centroids), 3, 3))
         return np.stack([level_axes(center, table) for center in centroids])
@@ -110,9 +110,9 @@ class GraspPredictor:
     def _outputs(self, points: Singles, ground: Singles, camera: Singles) -> RegionOutputs:
         """Return the output for (B, N, 3) centred points, `ground` (B,) metres over the table.
 
-        `camera` (B, 3): its place among the points. On a CPU each thread takes some of the clouds:
-        most operations are too small to be spread over threads one by one, and then rounded
-        otherwise.
+        `camera` (B, 3): camera's place in the frame of the points. On a CPU each thread takes some
+        of the clouds: most operations are too small for several threads, which would also round
+        differently.
         """
         seen = [torch.from_numpy(each).to(self.device) for each in (points, ground, camera)]
         threads = torch.get_num_threads()
@@ -127,7 +127,7 @@ class GraspPredictor:
         prediction = self.network(points, ground, stride=VOTING_STRIDE, camera=camera)
         columns = (
             prediction.affordance.clamp(0.0, 1.0),
-            # Cloud by cloud: the last numbers of a long row are rounded otherwise than the first.
+            # Cloud by cloud: the last numbers of a long row are rounded differently from the first.
             torch.stack([torch.sigmoid(logits) for logits in prediction.existence]),
             prediction.center,
             prediction.direction,

@@ -21,7 +21,7 @@ class RegionBatch:
     existence: Tensor  # (B, 5), 0 or 1; slots 0-2 reflection, 3 rotation, 4 sphere
     center: Tensor  # (B, 5, 3) metres; zeros where the slot is empty
     direction: Tensor  # (B, 5, 3) unit; zeros where the slot is empty or has no direction
-    ground: Tensor  # (B,) metres from the table up to the centroid; 0 where no table is known
+    ground: Tensor  # (B,) metres from the table up to the centroid; 0 if no table is known
     camera: Tensor  # (B, 3) metres, the place of the camera
 
     def __len__(self) -> int:
@@ -29,7 +29,7 @@ class RegionBatch:
 
     @classmethod
     def joined(cls, first: "RegionBatch", second: "RegionBatch") -> "RegionBatch":
-        """Return the regions of both, those of `first` first."""
+        """Return the regions of both, `first` before `second`."""
         names = cls.__dataclass_fields__
         return cls(*(torch.cat([getattr(first, name), getattr(second, name)]) for name in names))
 
@@ -54,14 +54,14 @@ class RegionBatch:
         matrix: Tensor,  # (B, 3, 3)
         directions: Tensor | None = None,  # (B, 3, 3)
     ) -> "RegionBatch":
-        """Return the batch under linear maps; `directions` maps directions if not `matrix`."""
+        """Return the batch under linear maps; `directions` maps directions, by default `matrix`."""
         turned = self.direction @ (matrix if directions is None else directions).transpose(1, 2)
         return replace(
             self,
             points=self.points @ matrix.transpose(1, 2),
             center=self.center @ matrix.transpose(1, 2),
             direction=turned,
-            ground=self.ground * matrix[:, 2, 2],  # but for small turns of the table
+            ground=self.ground * matrix[:, 2, 2],  # exact but for small turns of the table
             camera=torch.einsum("bij,bj->bi", matrix, self.camera),
         )
 

@@ -1,7 +1,7 @@
-"""Choices of points: farthest points, nearest neighbours, weights of interpolation; sums over them.
+"""Choices of points: farthest points, nearest neighbours, weights of interpolation; weighted sums.
 
-Distances are compared in single precision, so that devices agree on all but the order of points
-equally far. Indices and weights have no gradient.
+Distances are compared in single precision, so that devices agree on all but the order of equally
+far points. Indices and weights have no gradient.
 """
 
 import torch
@@ -15,7 +15,7 @@ from pipelines.network.cpu.neighbors import (
 )
 from pipelines.network.cpu.twins import faster_by
 
-TINY = 1e-8  # keeps weights finite where a query is one of the points
+TINY = 1e-8  # keeps weights finite if a query is one of the points
 
 
 @torch.no_grad()
@@ -23,9 +23,9 @@ def farthest_points(
     points: Tensor,  # (B, N, 3)
     count: int,
 ) -> Tensor:
-    """Return indices (B, count) of points far from each other, always the same ones.
+    """Return indices (B, count) of points far from each other, without random draws.
 
-    After the first point, each next one is the farthest from all that were chosen before.
+    After the first point, each next point is the farthest from all chosen points.
     """
     if count >= points.shape[1]:
         return torch.arange(points.shape[1], device=points.device).expand(points.shape[:2])
@@ -37,7 +37,7 @@ def _farthest_points(
     points: Tensor,  # (B, N, 3)
     count: int,
 ) -> Tensor:
-    """Return what `farthest_points` does, of more points than `count`."""
+    """Return the result of `farthest_points` for more points than `count`."""
     batch = torch.arange(len(points), device=points.device)
     chosen = torch.zeros(len(points), count, dtype=torch.int64, device=points.device)
     distance = torch.full(points.shape[:2], torch.inf, device=points.device)
@@ -66,8 +66,8 @@ def interpolation_weights(
 ) -> tuple[Tensor, Tensor]:
     """Return indices and weights (B, M, 3) that interpolate from `support` at `queries`.
 
-    Weights are inverse squared distances that sum to one, as in PointNet++. Where there are fewer
-    than three points, weights of zero (on a CPU) or fewer columns take the others' place.
+    Weights are inverse squared distances that sum to one, as in PointNet++. With fewer than three
+    points, missing points have zero weights (on a CPU) or no columns.
     """
     index, squared = three_nearest(queries, support)
     weight = 1.0 / (squared + TINY)
@@ -107,7 +107,7 @@ def weighted_sum(
 
 
 def _flat(values: Tensor, index: Tensor) -> Tensor:
-    """Return indices (B, ...) into the clouds of `values` laid end to end."""
+    """Return indices (B, ...) into the concatenated clouds of `values`."""
     start = torch.arange(len(values), device=values.device) * values.shape[1]
     return index + start.view(-1, *[1] * (index.dim() - 1))
 

@@ -16,7 +16,7 @@ from pipelines.errors import FormatError
 from pipelines.storage.checkpoints import load_weights
 
 Config = TypeVar("Config")
-MOST_NAMED = 3  # tensors of a kind that a sentence names
+MOST_NAMED = 3  # most tensors of a kind that an error names
 
 
 def weights_metadata(model: str, config: Any) -> dict[str, str]:  # noqa: ANN401 - any dataclass
@@ -30,20 +30,20 @@ def read_weights(
     """Read tensors and settings of the network called `model`.
 
     Raises:
-        FormatError: the file holds no weights of that network, or does not say all of its settings.
-        UnknownNameError, SettingError: it says others, as weights of a later version may.
+        FormatError: the file holds no weights of that network, or lacks some of its settings.
+        UnknownNameError, SettingError: it has unknown settings, as a later version may write.
     """
     tensors, metadata = load_weights(path)
-    found = metadata.get("model", "no network that is known")
+    found = metadata.get("model", "no known network")
     if found != model or "config" not in metadata:
         raise FormatError(path, f"holds {found}", f"weights of {model} are expected")
     settings = json_object(path, metadata["config"], "config")
     needed = {field.name for field in dataclasses.fields(config_type)}  # type: ignore[arg-type]
     needed -= NOT_NAMED_BEFORE.get(config_type.__name__, frozenset())
     if needed - set(settings):
-        unsaid = ", ".join(sorted(needed - set(settings)))
+        missing = ", ".join(sorted(needed - set(settings)))
         expected = "an earlier version made it; train it again with this one"
-        raise FormatError(path, f"does not say the settings {unsaid}", expected)
+        raise FormatError(path, f"lacks the settings {missing}", expected)
     return tensors, from_settings(config_type, settings, f"{path}: ")
 
 
@@ -51,7 +51,7 @@ def fill(module: nn.Module, tensors: dict[str, Tensor], path: Path) -> None:
     """Give `module` the weights read from `path`.
 
     Raises:
-        FormatError: names or shapes do not fit.
+        FormatError: the names or shapes of the tensors do not fit.
     """
     try:
         module.load_state_dict(tensors)
@@ -64,9 +64,9 @@ def fill(module: nn.Module, tensors: dict[str, Tensor], path: Path) -> None:
 
 
 def widened(tensors: Mapping[str, Tensor], module: nn.Module) -> dict[str, Tensor]:
-    """Return weights of a network that sees less, so that `module` does with them as it did.
+    """Return weights of a network with fewer inputs, padded so that `module` has its outputs.
 
-    The inputs that `module` has beside come last of a layer's, with weights of zero.
+    The additional inputs of `module` are the last of a layer and get weights of zero.
     """
     shapes = {name: each.shape for name, each in module.state_dict().items()}
     return {
@@ -78,7 +78,7 @@ def widened(tensors: Mapping[str, Tensor], module: nn.Module) -> dict[str, Tenso
 
 
 def tensor_differences(found: Mapping[str, Tensor], wanted: Mapping[str, Tensor]) -> str:
-    """Return in words how tensors differ from those that are wanted, some of each kind by name."""
+    """Return the differences of `found` to `wanted` in words, with some tensors of each kind."""
     shared = sorted(found.keys() & wanted.keys())
     kinds = {
         "lacks": sorted(wanted.keys() - found.keys()),

@@ -150,7 +150,7 @@ def test_weights_that_do_not_say_a_setting_are_refused(tmp_path):
     del settings["canonical_frame"]
     metadata = {"model": "SymmetryGraspNet", "config": json.dumps(settings)}
     save_weights(path, SymmetryGraspNet(CONFIG).state_dict(), metadata)
-    with pytest.raises(FormatError, match="does not say the settings canonical_frame"):
+    with pytest.raises(FormatError, match="lacks the settings canonical_frame"):
         GraspPredictor.load(path, "cpu")
 
 

@@ -1,11 +1,11 @@
-"""Farthest point sampling in one kernel a cloud: plain torch starts some 4,000 of them instead."""
+"""Farthest point sampling by one kernel per cloud; plain torch starts some 4,000 kernels."""
 
 import torch
 import triton
 import triton.language as tl
 from torch import Tensor
 
-LARGE = 1024  # points; blocks of as many or more take eight warps
+LARGE = 1024  # points; blocks of this size or larger use eight warps
 
 
 @triton.jit

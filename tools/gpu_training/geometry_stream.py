@@ -1,7 +1,7 @@
-"""The stream of geometry of a detector of two streams, as a detector of its own.
+"""The geometry stream of a detector of two streams, as a separate detector.
 
 `python -m tools.gpu_training.geometry_stream BOTH.safetensors OUT.safetensors` writes it. A mean
-colour adds nearly the same to all places but the image's border; that becomes part of the biases.
+colour adds nearly the same values everywhere but at the image's border; the biases include them.
 """
 
 import sys
@@ -19,16 +19,16 @@ from pipelines.network.detection.mask_rcnn import build_detector
 from pipelines.network.weights_files import fill, read_weights, weights_metadata
 from pipelines.storage.checkpoints import save_weights
 
-SIDE = 512  # pixels of the image whose middle is far from its border
+SIDE = 512  # pixels of an image with the middle far from the border
 COLOR_PARTS = ("backbone.color.", "backbone.joins.")
 
 
 @torch.inference_mode()
 def write(both: Path, out: Path) -> None:
-    """Write the stream of geometry of the weights `both`.
+    """Write the geometry stream of the weights `both`.
 
     Raises:
-        ValueRangeError: they are not of two streams.
+        ValueRangeError: the weights are not of two streams.
     """
     tensors, config = read_weights(both, MODEL_NAME, DetectorConfig)
     if config.input != "both":

@@ -1,4 +1,4 @@
-"""Prepared frames of GraspNet's baseline in one small file, to travel to a GPU: 100 KB a frame.
+"""Prepared frames of GraspNet's baseline in one small file for a GPU host: 100 KB per frame.
 
     python -m tools.gpu_training.graspnet_frames pack OUT.xz NAME.frames
     python -m tools.gpu_training.graspnet_frames unpack OUT.xz NAME.frames
@@ -26,13 +26,13 @@ from pipelines.learning.peers.peer import (
 from pipelines.storage.files import write_bytes
 from pipelines.storage.provenance import Stamp, digest, make_stamp
 
-MOST_POINTS = 16_000  # of a cloud
+MOST_POINTS = 16_000  # points of a cloud
 LABELS = ("cell", "friction", "width", "tolerance")
-UNCHANGED = ("points", "object", "turns", "up")  # as they are
+UNCHANGED = ("points", "object", "turns", "up")  # arrays stored unchanged
 
 
 def packed_scene(frames: list[Arrays], rng: np.random.Generator) -> Arrays:
-    """Return the frames of a scene as one set of arrays, NUMBER/NAME where they are a frame's."""
+    """Return the frames of a scene as one set of arrays; arrays of a frame are NUMBER/NAME."""
     found: dict[bytes, int] = {}  # number of each point's labels by their bytes
     distinct: list[Arrays] = []
     arrays: Arrays = {}
@@ -81,7 +81,7 @@ def unpacked_scene(arrays: Arrays) -> list[Arrays]:
 
 
 def pack_frames(path: Path, folder: Path) -> int:
-    """Write the prepared frames of `folder`; return how many."""
+    """Write the prepared frames of `folder`; return their number."""
     arrays: Arrays = {}
     rng = np.random.default_rng(0)
     total = 0
@@ -98,7 +98,7 @@ def pack_frames(path: Path, folder: Path) -> int:
 
 
 def unpack_frames(path: Path, folder: Path) -> int:
-    """Write the frames of `pack_frames` as prepared frames into `folder`; return how many."""
+    """Write the frames of `pack_frames` as prepared frames into `folder`; return their number."""
     stamp: Stamp = make_stamp(
         "train-baseline", {"method": "graspnet"}, inputs={"packed": digest(path)}
     )

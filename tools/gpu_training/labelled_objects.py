@@ -1,7 +1,7 @@
-"""Labelled objects of dataset roots in one small file: 37 KB an object, to travel to a GPU.
+"""Labelled objects of dataset roots in one small file for a GPU host: 37 KB per object.
 
 `python -m tools.gpu_training.labelled_objects OUT.xz ROOT [ROOT ...]` writes it. Each ROOT has its
-`symmetry/` and `affordance/`. Coordinates are whole numbers of 16 bits over the object's box.
+`symmetry/` and `affordance/`. Coordinates are 16-bit whole numbers over the object's box.
 """
 
 import io
@@ -37,13 +37,13 @@ from pipelines.synthesis.endless import (
 )
 from pipelines.synthesis.scenes.tables import SceneObject
 
-STEPS = 65535  # of a coordinate over the object's box
-SURFACE_POINTS = 2048  # an object; labels have 4,096
-MOST_PIECE_VERTICES = 6000  # of an object's convex pieces; objects with more are left out
+STEPS = 65535  # steps of a coordinate over the object's box
+SURFACE_POINTS = 2048  # per object; labels have 4,096
+MOST_PIECE_VERTICES = 6000  # vertices of all convex pieces; objects with more are left out
 
 
 def write(path: Path, roots: list[Path]) -> int:
-    """Write the objects of `roots` that no evaluation keeps unseen; return how many."""
+    """Write the objects of `roots` that are not held out for evaluation; return their number."""
     columns: dict[str, list[Any]] = {}
     labels = []
     for root in roots:
@@ -65,7 +65,7 @@ def write(path: Path, roots: list[Path]) -> int:
 def _rows(each: LabelledObject) -> dict[str, NDArray[Any]]:
     mesh, pieces = each.scene.mesh, list(each.scene.pieces)
     points = np.asarray(each.surface.tree.data)
-    # The label lists its points by triangle: an even sample covers the whole surface.
+    # The label lists its points by triangle, so that an even sample covers the whole surface.
     sample = np.linspace(0, len(points) - 1, min(SURFACE_POINTS, len(points))).astype(np.int64)
     places = [mesh.vertices, points[sample], *(piece.vertices for piece in pieces)]
     low, high = np.concatenate(places).min(axis=0), np.concatenate(places).max(axis=0)
@@ -92,7 +92,7 @@ def read(path: Path) -> dict[int, LabelledObject]:
 
 
 class _Columns:
-    """Arrays that are read from their start, some rows at a time."""
+    """Reader of arrays from their start, some rows at a time."""
 
     def __init__(self, arrays: dict[str, NDArray[Any]]) -> None:
         self._arrays, self._at = arrays, dict.fromkeys(arrays, 0)

@@ -1,4 +1,4 @@
-"""Processes that render labelled regions without end, and the regions that wait on the GPU."""
+"""Processes that render labelled regions endlessly, and a buffer of regions on the GPU."""
 
 import queue
 from collections.abc import Sequence
@@ -19,10 +19,10 @@ from pipelines.network.regions import RegionBatch
 from pipelines.tabletop.levelling import level_axes, table_of_row
 from tools.gpu_training.labelled_objects import scenes_of_file
 
-POINTS = 2048  # of a rendered region
-# Of a region: points about their centroid, affordance, existence, centres, directions, and the
-# network's axes and the height of the centroid with its table and without one, and the camera's
-# place from the centroid.
+POINTS = 2048  # points of a rendered region
+# Shapes of a region's arrays: points about their centroid, affordance, existence, centres,
+# directions; the network's axes and the centroid's height, each with and without a table; the
+# camera's place relative to the centroid.
 SHAPES = ((POINTS, 3), (POINTS,), (5,), (5, 3), (5, 3), (2, 3, 3), (2,), (3,))
 
 
@@ -55,7 +55,7 @@ def _render(
     while not stop.is_set():
         try:
             regions = scenes.regions(number)
-        except SymgraspError:  # nothing of this scene shows
+        except SymgraspError:  # no region of this scene is visible
             regions = []
         if regions:
             rows = zip(*(_rows(region) for region in regions), strict=True)
@@ -75,7 +75,7 @@ def _rows(region: PackedRegion) -> tuple[np.ndarray, ...]:
 
 
 class RegionRing:
-    """The newest `capacity` regions that were rendered, on a device."""
+    """The newest `capacity` rendered regions, on a device."""
 
     def __init__(self, capacity: int, device: torch.device) -> None:
         self.columns = [torch.zeros((capacity, *shape), device=device) for shape in SHAPES]
@@ -85,7 +85,7 @@ class RegionRing:
         return min(self.seen, self.capacity)
 
     def add(self, rows: Sequence[np.ndarray]) -> None:
-        """Take in regions, in place of the oldest ones where there is no room."""
+        """Add regions; if there is no room they replace the oldest regions."""
         count, start = len(rows[0]), self.seen % self.capacity
         fits = min(count, self.capacity - start)
         for column, array in zip(self.columns, rows, strict=True):
@@ -95,7 +95,7 @@ class RegionRing:
         self.seen += count
 
     def take_in(self, renderers: Renderers, scenes: int) -> None:
-        """Take in the regions of at most `scenes` scenes that wait."""
+        """Add the regions of at most `scenes` waiting scenes."""
         for _ in range(scenes):
             try:
                 self.add(renderers.queue.get_nowait())

@@ -1,7 +1,7 @@
-"""Clouds of GraspNet's baseline with their labels, put together on the GPU.
+"""Clouds of GraspNet's baseline with their labels, assembled on the GPU.
 
-Of a cloud 15 million cells are filled and reordered, most of a second of a core; here frames lie on
-the device and a cloud takes milliseconds.
+Each cloud has 15 million cells to fill and reorder, which takes most of a second on a core; here
+frames are on the device and a cloud takes milliseconds.
 """
 
 from collections.abc import Mapping
@@ -32,7 +32,7 @@ FRAMES_ON_DEVICE = 4096  # frames on the device
 def scene_on_device(
     frame: Mapping[str, Tensor], count: int, generator: torch.Generator, turn: float
 ) -> LabelledScene:
-    """Return what `labelled_scene` returns, of a frame whose arrays are tensors of one device."""
+    """Return the result of `labelled_scene` for a frame with tensors on one device."""
     device = frame["cloud"].device
     R = torch.from_numpy(rotation_about(frame["up"].cpu().numpy().astype(np.float64), turn))
     R = R.float().to(device)
@@ -84,19 +84,19 @@ def _dense_cells(frame: Mapping[str, Tensor], labelled: Tensor) -> tuple[Tensor,
 
 
 class GraspNetOnDevice(GraspNetTraining):
-    """`GraspNetTraining` whose frames lie on its device."""
+    """`GraspNetTraining` with its frames on its device."""
 
     def examples(self, drawn: Drawn) -> list[LabelledScene]:
         """Return each frame, turned at random about the table's normal."""
         return [self._scene(frame, rng, rng.uniform(-MOST_TURN, MOST_TURN)) for frame, rng in drawn]
 
     def source(self, number: int) -> dict[str, Tensor]:
-        """Return the frame `number` of those to train on."""
+        """Return the training frame `number`."""
         return self._on_device(*self.frames.train[number])
 
     @torch.no_grad()
     def validate(self) -> dict[str, float]:
-        """Return the loss terms on the other frames, as they are."""
+        """Return the loss terms on the validation frames, unturned."""
         scenes = (
             self._scene(_tensors(frame, self.device), np.random.default_rng(0), 0.0)
             for frame in self.judged_frames()
@@ -110,7 +110,7 @@ class GraspNetOnDevice(GraspNetTraining):
         count = GRASPNET_SIZES[self.config.network.variant].input
         return scene_on_device(frame, count, generator, turn)
 
-    @lru_cache(maxsize=FRAMES_ON_DEVICE)  # noqa: B019 - one training a process
+    @lru_cache(maxsize=FRAMES_ON_DEVICE)  # noqa: B019 - one training per process
     def _on_device(self, path: Path, row: int) -> dict[str, Tensor]:
         return _tensors(read_peer_frame.__wrapped__(path, row), self.device)
 

@@ -1,4 +1,4 @@
-"""Learning rate of a training that lasts a given time, or so many steps."""
+"""Learning rate of a training with a given time or number of steps."""
 
 import math
 from dataclasses import dataclass
@@ -9,14 +9,14 @@ SMALLEST_RATE = 1e-6
 
 @dataclass(frozen=True)
 class Schedule:
-    """How fast weights change: a warm-up, then half a cosine over the time there is.
+    """Learning rate over time: a warm-up, then half a cosine over the given time.
 
     Attributes:
-        rate: the largest.
-        seconds: there are.
-        averaged: of the mean of the weights, that is kept in a step.
-        drops: the rate falls by a tenth so many times instead (Sec. III-G); 0 for the cosine.
-        steps: after which it ends if they are made before.
+        rate: largest learning rate.
+        seconds: time of the training.
+        averaged: share of the mean weights that a step keeps.
+        drops: number of drops by a tenth, in place of the cosine (Sec. III-G); 0 for the cosine.
+        steps: number of steps that also ends the training, if it is reached earlier.
     """
 
     rate: float
@@ -26,7 +26,7 @@ class Schedule:
     steps: int = 10**9
 
     def rate_at(self, step: int, seconds: float) -> float:
-        """Return the learning rate."""
+        """Return the learning rate at `step`, `seconds` after the start."""
         share = min(1.0, max(seconds / self.seconds, step / self.steps))
         if self.drops:
             return self.rate * 0.9 ** int(self.drops * share)

@@ -1,7 +1,7 @@
-"""Frames of a detector's training in one small file, to travel to a GPU.
+"""Training frames of a detector in one small file for a GPU host.
 
 `python -m tools.gpu_training.small_frames OUT.npz NAME.frames/ROOT [...]` writes it from the
-folders that `symgrasp finetune-detector` prepares. Depth is kept in steps of half a millimetre,
+folders that `symgrasp finetune-detector` prepares. Depth is stored in steps of half a millimetre,
 colour as JPEG.
 """
 
@@ -28,7 +28,7 @@ IMAGES = ("color", "depth", "regions")
 
 
 def write(path: Path, folders: Sequence[Path], stride: int = 1) -> int:
-    """Write every `stride`-th frame of the files in `folders`; return how many."""
+    """Write every `stride`-th frame of the files in `folders`; return their number."""
     rows: dict[str, list[Any]] = {name: [] for name in (*IMAGES, "plane", "lens")}
     for file in sorted(each for folder in folders for each in folder.glob("*.h5")):
         for row in range(0, detector_frames.count_frames(file), stride):

@@ -1,4 +1,4 @@
-"""Train the grasp network on one GPU, on regions that the host's cores render meanwhile."""
+"""Train the grasp network on one GPU, on regions that the host's cores render at the same time."""
 
 import argparse
 import sys
@@ -23,11 +23,11 @@ from pipelines.storage.checkpoints import load_weights, save_weights
 from tools.gpu_training.rendering import RegionRing, Renderers
 from tools.gpu_training.schedule import Schedule
 
-FIRST_REGIONS = 1500  # before the first step
+FIRST_REGIONS = 1500  # regions before the first step
 
 
 class GraphStep:
-    """One step of the training, on a GPU as one CUDA graph: nothing in it waits for the host."""
+    """One step of the training, on a GPU as one CUDA graph, which never waits for the host."""
 
     def __init__(
         self,
@@ -74,7 +74,7 @@ class GraphStep:
             for _ in range(4):
                 self._once()
         torch.cuda.current_stream().wait_stream(side)
-        with torch.cuda.graph(graph, stream=side):  # a workspace of its own
+        with torch.cuda.graph(graph, stream=side):  # with a separate workspace
             self._once()
         return graph
 
@@ -83,7 +83,7 @@ class GraphStep:
         loss = sample_loss(self.module, self.sample, self.config, self.device)["total"]
         loss.backward()
         torch.nn.utils.clip_grad_norm_(self.parameters, CLIP_NORM)
-        for parameter in self.parameters:  # a gradient that is not finite is no step
+        for parameter in self.parameters:  # non-finite gradients change nothing
             parameter.grad.nan_to_num_(0.0, 0.0, 0.0)
         self.optimizer.step()
         for mean, live in zip(self.mean, self.live, strict=True):
@@ -91,16 +91,16 @@ class GraphStep:
         self.loss.lerp_(torch.nan_to_num(loss.detach()), 0.02)
 
     def averaged_weights(self) -> dict[str, Tensor]:
-        """Return the mean of the weights."""
+        """Return the state with the mean of the weights."""
         state = {name: each.detach().cpu() for name, each in self.module.state_dict().items()}
         means = zip(self.names, self.mean, strict=True)
         return state | {name: each.detach().cpu() for name, each in means}
 
 
 def prepare_layers(device: torch.device) -> None:
-    """Let augmentation draw on `device`, and layers do without operations that a graph cannot hold.
+    """Make augmentation draw on `device`, and layers avoid operations that a graph cannot hold.
 
-    On the CPU all regions draw from generators of their own; here they share one.
+    On the CPU each region draws from its own generator; here all regions share one generator.
     """
 
     def rotations(vectors: Tensor) -> Tensor:
@@ -141,7 +141,7 @@ def drawn_sample(ring: RegionRing, size: int, config: TrainConfig) -> Sample:
 
 
 def first_regions(renderers: Renderers, capacity: int, device: torch.device) -> RegionRing:
-    """Return a ring with enough regions to begin with."""
+    """Return a ring with enough regions for the first steps."""
     ring = RegionRing(capacity, device)
     while len(ring) < min(FIRST_REGIONS, capacity // 2):
         ring.take_in(renderers, 64)
@@ -150,9 +150,9 @@ def first_regions(renderers: Renderers, capacity: int, device: torch.device) -> 
 
 
 def train_config(preset: str | None, settings: Sequence[str] = ()) -> TrainConfig:
-    """Return the settings of `symgrasp train`, those of a preset if one is named.
+    """Return the settings of `symgrasp train`, changed by `preset`, if given.
 
-    `settings`: others, each NAME=VALUE.
+    `settings`: further changes, each NAME=VALUE.
     """
     config = changed(TrainConfig(), preset_settings(preset, "train") if preset else {})
     for name, _, value in (setting.partition("=") for setting in settings):
@@ -175,7 +175,7 @@ def run_training(options: argparse.Namespace) -> None:
     step = GraphStep(module, first, config, options.rate, as_graph=options.graph)
     end, started = began + 60.0 * options.minutes, time.monotonic()
     schedule, steps = Schedule(options.rate, end - started, options.averaged, options.drops), 0
-    told = started
+    reported = started
     while (now := time.monotonic()) < end and steps < options.max_steps:
         averaged = min(schedule.averaged, (steps + 1) / (steps + 11.0))
         if steps % 4 == 0:
@@ -183,8 +183,8 @@ def run_training(options: argparse.Namespace) -> None:
         sample = drawn_sample(ring, options.batch_size, config)
         step.run(sample, schedule.rate_at(steps, now - started), averaged)
         steps += 1
-        if now - told > LOG_SECONDS:
-            told = now
+        if now - reported > LOG_SECONDS:
+            reported = now
             sys.stdout.write(f"step {steps}, {ring.seen} regions, loss {float(step.loss):.3f}\n")
             sys.stdout.flush()
     renderers.end()
@@ -203,13 +203,15 @@ def main() -> None:
     parser.add_argument("--set", action="append", default=[], help="a setting of `symgrasp train`")
     parser.add_argument("--drops", type=int, default=0, help="drops of the rate, not a cosine")
     parser.add_argument("--graph", action=argparse.BooleanOptionalAction, default=True)
-    parser.add_argument("--minutes", type=float, default=9.0, help="with the time to render first")
+    parser.add_argument("--minutes", type=float, default=9.0, help="including the first rendering")
     parser.add_argument("--max-steps", type=int, default=10**9)
     parser.add_argument("--batch-size", type=int, default=64)
     parser.add_argument("--rate", type=float, default=0.0013, help="largest learning rate")
-    parser.add_argument("--averaged", type=float, default=0.9996, help="kept of the mean a step")
+    parser.add_argument(
+        "--averaged", type=float, default=0.9996, help="share of the mean kept per step"
+    )
     parser.add_argument("--workers", type=int, default=15, help="processes that render")
-    parser.add_argument("--limit", type=int, help="objects to use, the first ones")
+    parser.add_argument("--limit", type=int, help="number of first objects to use")
     parser.add_argument("--capacity", type=int, default=300_000, help="regions on the device")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", default="cuda")

@@ -1,4 +1,4 @@
-"""Train the region detector on one GPU; the host's cores prepare random views meanwhile."""
+"""Train the region detector on one GPU; the host's cores prepare random views."""
 
 import argparse
 import sys
@@ -26,7 +26,7 @@ from tools.gpu_training.schedule import Schedule
 from tools.gpu_training.small_frames import SmallFrames
 
 SAVE_SECONDS = 60.0
-LOOK_STEPS = 20  # between looks at the losses
+LOOK_STEPS = 20  # steps between reads of the losses
 
 
 class RandomViews(IterableDataset[DetectorExample]):
@@ -79,7 +79,7 @@ class DetectorRun:
         if torch.isfinite(norm):
             self.optimizer.step()
             self.average.update(self.steps)
-        if self.steps % LOOK_STEPS == 0:  # a look at a number waits for the device
+        if self.steps % LOOK_STEPS == 0:  # to read a number waits for the device
             for name, term in terms.items():
                 value = float(term.detach())
                 self.losses[name] = 0.8 * self.losses.get(name, value) + 0.2 * value
@@ -108,13 +108,14 @@ def train_detector(options: argparse.Namespace) -> None:
     started, end = time.monotonic(), began + 60.0 * options.minutes
     schedule = Schedule(options.rate, end - started, options.averaged)
     run = DetectorRun(detector, config, torch.device(options.device), schedule, options.seed)
-    told = saved = started
+    reported = saved = started
     for batch in loader:
         now = time.monotonic()
         run.step(batch, now - started)
         done = now > end or run.steps >= options.max_steps
-        if now - told > LOG_SECONDS or done:
-            told, losses = now, ", ".join(f"{n} {value:.3f}" for n, value in run.losses.items())
+        if now - reported > LOG_SECONDS or done:
+            reported = now
+            losses = ", ".join(f"{n} {value:.3f}" for n, value in run.losses.items())
             sys.stdout.write(f"step {run.steps}, {now - began:.0f} s, {losses}\n")
             sys.stdout.flush()
         if now - saved > SAVE_SECONDS or done:
@@ -127,7 +128,9 @@ def train_detector(options: argparse.Namespace) -> None:
 def main() -> None:
     """Read the options and train."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--frames", type=Path, nargs="+", required=True, help="of small_frames")
+    parser.add_argument(
+        "--frames", type=Path, nargs="+", required=True, help="written by small_frames"
+    )
     parser.add_argument("--out", type=Path, required=True, help="weights to write")
     parser.add_argument("--init", type=Path, help="weights to start from")
     parser.add_argument("--input", default="both", choices=("geometry", "color", "both"))
@@ -135,7 +138,9 @@ def main() -> None:
     parser.add_argument("--max-steps", type=int, default=10**9)
     parser.add_argument("--batch-size", type=int, default=16)
     parser.add_argument("--rate", type=float, default=0.001, help="largest learning rate")
-    parser.add_argument("--averaged", type=float, default=0.998, help="kept of the mean a step")
+    parser.add_argument(
+        "--averaged", type=float, default=0.998, help="share of the mean kept per step"
+    )
     parser.add_argument("--workers", type=int, default=14, help="processes that draw views")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", default="cuda")

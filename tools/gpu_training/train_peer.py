@@ -3,7 +3,7 @@
     python -m tools.gpu_training.train_peer NAME NAME.frames OUT.safetensors [options]
 
 NAME.frames is the folder that `symgrasp train-baseline NAME ROOT` prepares. Weights, checkpoint and
-curves are those of that command; what differs is that their stamp names the frames, not the root.
+curves are as of that command, except that their stamp names the frames, not the root.
 """
 
 import argparse
@@ -36,7 +36,7 @@ OWN: dict[str, type[PeerTraining]] = {"graspnet": GraspNetOnDevice}
 def train_on_frames(
     name: str, frames: Path, output: Path, config: TrainBaselineConfig, request: RunRequest
 ) -> str:
-    """Train on the prepared `frames`; return a line that says how far it came."""
+    """Train on the prepared `frames`; return a line on the progress."""
     started = time.monotonic()
     device = find_device(request.device)
     if device.type == "cuda":

@@ -1,9 +1,9 @@
-"""Train several networks on one GPU at a time, in one process: the rows and seeds of Table IV.
+"""Train several networks on one GPU at the same time, in one process: rows and seeds of Table IV.
 
 A step of a network is thousands of short kernels that leave most of a GPU idle, so the steps of
-different networks run at the same time, each in a stream of its own. A row whose weights lie in the
-output folder goes on from them. `--minutes` and `--max-steps` may be several: one training after
-the other, each of which begins with the weights of the one before and the full learning rate.
+different networks run at the same time, each in its own stream. A row with weights in the output
+folder continues from these. Several values of `--minutes` and `--max-steps` give successive
+trainings; each begins with the weights of the previous training and the full learning rate.
 """
 
 import argparse
@@ -34,8 +34,8 @@ from tools.gpu_training.train import (
     train_config,
 )
 
-SEEDS_APART = 1000  # a run that goes on draws other regions
-DROPS = 20  # of the learning rate, by a tenth each (Sec. III-G)
+SEEDS_APART = 1000  # offset, so that a continued run draws other regions
+DROPS = 20  # drops of the learning rate, by a tenth each (Sec. III-G)
 
 
 class RowPlan(NamedTuple):
@@ -56,7 +56,7 @@ class RowPlan(NamedTuple):
 
 @dataclass(frozen=True)
 class RenderedRegions:
-    """Regions of one file of objects: those on the device, and the processes that render more."""
+    """Regions of one file of objects: a ring on the device, and the processes that render more."""
 
     ring: RegionRing
     renderers: Renderers
@@ -64,16 +64,16 @@ class RenderedRegions:
 
 @dataclass(frozen=True)
 class TrainedRow:
-    """One row of the table with one seed, in a stream of its own.
+    """One row of the table with one seed, in its own stream.
 
     Attributes:
-        name: of its file.
-        objects: file of the objects that it learns from.
-        seed: of its first weights and of what it learns from.
-        config: of its training.
-        step: its network and how it learns.
-        stream: that it runs in; None on the CPU.
-        earlier: steps that an earlier run made.
+        name: name of the row and of its file.
+        objects: file of the training objects.
+        seed: seed of the first weights and of the training regions.
+        config: settings of the training.
+        step: the network and its training step.
+        stream: CUDA stream of the row; None on the CPU.
+        earlier: number of steps of earlier runs.
     """
 
     name: str
@@ -88,7 +88,7 @@ class TrainedRow:
     def of(
         cls, plan: RowPlan, seed: int, ring: RegionRing, options: argparse.Namespace
     ) -> "TrainedRow":
-        """Return a row that has learned nothing yet, or what its weights hold."""
+        """Return a row with new weights, or with the weights of an earlier run."""
         name, objects, config = plan
         path = weights_path(options.out, name, seed)
         weights, metadata = load_weights(path) if path.exists() else ({}, {})
@@ -104,19 +104,19 @@ class TrainedRow:
         return cls(name, objects, seed, config, step, stream, earlier)
 
     def learn(self, sample: Sample, rate: float) -> None:
-        """Make a step once all that was asked of the GPU before is done."""
+        """Make a step after all earlier work of the GPU."""
         if self.stream is not None:
             self.stream.wait_stream(torch.cuda.current_stream())
         with torch.cuda.stream(self.stream):
             self.step.run(sample, rate, averaged=0.0)
 
     def wait(self) -> None:
-        """Let what is asked of the GPU from now on be done after this row's step."""
+        """Make later work of the GPU wait for this row's step."""
         if self.stream is not None:
             torch.cuda.current_stream().wait_stream(self.stream)
 
     def write(self, folder: Path, steps: int) -> None:
-        """Write the weights after so many steps."""
+        """Write the weights after `steps` steps."""
         metadata = weights_metadata(SymmetryGraspNet.__name__, self.config.network)
         metadata |= {"steps": str(self.earlier + steps), "seed": str(self.seed)}
         metadata |= {"batch_size": str(self.config.batch_size)}
@@ -125,7 +125,7 @@ class TrainedRow:
 
 
 def weights_path(folder: Path, name: str, seed: int) -> Path:
-    """Return where a row's weights lie."""
+    """Return the path of a row's weights."""
     return folder / f"{name}_{seed}.safetensors"
 
 
@@ -135,10 +135,10 @@ def run_rounds(
     seconds: float,
     max_steps: int,
 ) -> Iterator[int]:
-    """Let each row make one step after the other; yield their number.
+    """Make steps of all rows in turn; yield the number of steps.
 
-    Ends after `seconds` or `max_steps`. Rows of one seed and one file of objects that draw regions
-    alike learn from the same samples.
+    Ends after `seconds` or `max_steps`. Rows with the same seed, file of objects and settings of
+    samples learn from the same samples.
     """
     began, steps = time.monotonic(), 0
     while (now := time.monotonic() - began) < seconds and steps < max_steps:
@@ -161,14 +161,14 @@ def run_rounds(
 
 
 def sample_key(row: TrainedRow) -> str:
-    """Return a text that is the same for rows that may learn from the same samples."""
+    """Return a text that is equal for rows that may learn from the same samples."""
     config, network = row.config, row.config.network
     drawn = config.augmentation, config.batch_size, config.num_loss_points
     return repr((row.objects, row.seed, drawn, network.input_frame, network.num_points))
 
 
 def train_rows(options: argparse.Namespace) -> None:
-    """Train all rows with all seeds, once for each of the times that `options` has."""
+    """Train all rows with all seeds, once for each time limit in `options`."""
     device = torch.device(options.device)
     plans = [RowPlan.of(text, options.objects, options.preset) for text in options.row]
     files = dict.fromkeys(plan.objects for plan in plans)
@@ -199,12 +199,12 @@ def train_once(
     max_steps: int,
     options: argparse.Namespace,
 ) -> None:
-    """Train the rows; write the weights now and then, and at the end."""
-    steps, told, written = 0, time.monotonic(), time.monotonic()
+    """Train the rows; write the weights at intervals and at the end."""
+    steps, reported, written = 0, time.monotonic(), time.monotonic()
     for steps in run_rounds(rows, sources, 60.0 * minutes, max_steps):
         now = time.monotonic()
-        if now - told > LOG_SECONDS:
-            told = now
+        if now - reported > LOG_SECONDS:
+            reported = now
             losses = {f"{row.name}_{row.seed}": round(float(row.step.loss), 3) for row in rows}
             seen = [source.ring.seen for source in sources.values()]
             line = json.dumps({"steps": steps, "regions": seen, "loss": losses})
@@ -226,16 +226,16 @@ def main() -> None:
     parser.add_argument(
         "--row", action="append", required=True, help="NAME[@OBJECTS][:SETTING=VALUE,...]"
     )
-    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], help="of each row")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], help="seeds of each row")
     parser.add_argument("--preset", choices=PRESETS, help="settings of `symgrasp train --preset`")
     parser.add_argument(
         "--minutes", type=float, nargs="+", default=[9.0], help="after the first regions"
     )
-    parser.add_argument("--write-minutes", type=float, default=1.0, help="between two writings")
-    parser.add_argument("--max-steps", type=int, nargs="+", help="as many as there are --minutes")
+    parser.add_argument("--write-minutes", type=float, default=1.0, help="minutes between writes")
+    parser.add_argument("--max-steps", type=int, nargs="+", help="one value for each of --minutes")
     parser.add_argument("--graph", action=argparse.BooleanOptionalAction, default=True)
     parser.add_argument("--workers", type=int, default=15, help="processes that render")
-    parser.add_argument("--limit", type=int, help="objects to use, the first ones")
+    parser.add_argument("--limit", type=int, help="number of first objects to use")
     parser.add_argument("--capacity", type=int, default=150_000, help="regions on the device")
     parser.add_argument("--device", default="cuda")
     train_rows(parser.parse_args())

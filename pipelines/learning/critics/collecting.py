@@ -1,4 +1,4 @@
-"""Collection of a critic's rows: the chain of `infer` on frames whose truth is known."""
+"""Collection of a critic's rows: the chain of `infer` on frames with known truth."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ from pipelines.metrics.grasp_verdicts import TrueScene, qualities
 from pipelines.metrics.symmetry_matching import TrueRegion
 
 NO_REGION = TrueRegion(np.zeros((0, 3)), ())
-# Below the quality that keeps other passes away, so that grasps of all passes are collected.
+# Below the quality that prevents further passes, so that grasps of all passes are collected.
 HIGHEST_SCORE = 0.5
 
 
@@ -62,9 +62,9 @@ class ObservedFrame:
 
     Attributes:
         scene: measured points and table.
-        regions: the network's output for each.
-        object_ids: the object that each region lies on, -1 for none.
-        truths: the true region that each overlaps most.
+        regions: the network's output for each region.
+        object_ids: the object that each region is part of, -1 for none.
+        truths: the true region that each region overlaps most.
         true_scene: meshes and poses.
     """
 
@@ -77,7 +77,7 @@ class ObservedFrame:
 
 @dataclass(frozen=True)
 class Collector:
-    """The chain of `infer` as far as a critic's candidates."""
+    """The chain of `infer` up to the candidates of a critic."""
 
     reader: TruthReader
     paths: ModelPaths
@@ -86,13 +86,13 @@ class Collector:
 
     @cached_property
     def gripper(self) -> Gripper:
-        """The gripper of grasps."""
+        """The gripper of the collected grasps."""
         return load_gripper(self.config.infer.gripper)
 
     def rows(
         self, kind: CriticKind, files: FrameFiles, rng: np.random.Generator
     ) -> Iterator[CriticRows]:
-        """Return the candidates of one frame for a `kind` of critic, a group at a time."""
+        """Yield the candidates of one frame for a `kind` of critic, group by group."""
         frame = self.observed(files)
         match kind.name:
             case "axes":
@@ -141,7 +141,7 @@ class Collector:
     def _grasps(self, frame: ObservedFrame, rng: np.random.Generator) -> Iterator[CriticRows]:
         """Yield some feasible grasps of each pass at each region on an object.
 
-        Their truth is the quality among the true meshes, opened as in use (D. 92).
+        Their truth is the quality among the true meshes, with the opening of `infer` (D. 92).
         """
         selection, scene = self.config.infer.selection, frame.scene
         critics = models.symmetry_critics(self.paths.axis_critic, self.paths.plane_critic)
@@ -164,7 +164,7 @@ class Collector:
     def _tried(
         self, model: RegionModel, scene: SceneCloud, rng: np.random.Generator
     ) -> list[GraspFeatures]:
-        """Return what a critic sees of the grasps of each pass; it scores them at random."""
+        """Return the features of the grasps of each pass, which get random scores."""
         seen: list[GraspFeatures] = []
 
         def critic(features: GraspFeatures) -> Array:

@@ -1,7 +1,7 @@
 """`NAME.rows/ROOT/scene_NNNN_CAMERA.h5`: candidates of a scene's frames, for training a critic.
 
-A row is one candidate, with its features and whether it is true; rows of one group are the
-candidates of one choice, as the planes of a region.
+A row is one candidate, with its features and its truth; the rows of one group are the candidates
+of one choice, such as the planes of a region.
 """
 
 from collections.abc import Sequence
@@ -29,9 +29,9 @@ class CriticRows:
         points: (k, n, p) float16, features of the points that a candidate sees; n may be 0.
         shared: (k, s) float32, features that all these points share; s may be 0.
         candidates: (k, c) float32, features of the candidate itself.
-        truth: (k,) float32, 0 to 1: whether it is true, or its quality; nan where not known.
+        truth: (k,) float32, 0 to 1: whether the candidate is true, or its quality; nan if unknown.
         slot: (k,) int32, symmetry slot of the candidate, -1 without symmetry.
-        group: (k,) int64, ascending; candidates of one group are those of one choice.
+        group: (k,) int64, ascending; the candidates of one choice share a group.
     """
 
     points: NDArray[np.float16]
@@ -73,7 +73,7 @@ class CriticRows:
 
     @classmethod
     def none(cls, num_points: int, features: FeatureNames) -> "CriticRows":
-        """Return no candidates, with `num_points` points each and those `features`."""
+        """Return an empty set of candidates with `num_points` points each and `features`."""
         return cls.of_group(
             np.zeros((0, num_points, len(features.point))),
             np.zeros((0, len(features.shared))),
@@ -93,7 +93,7 @@ COLUMNS = tuple(field.name for field in fields(CriticRows))
 
 
 def write(path: Path, rows: CriticRows, stamp: Stamp) -> None:
-    """Write the candidates of one scene; same rows and stamp, same bytes."""
+    """Write the candidates of one scene; equal rows and stamps give equal bytes."""
     with new_h5(path) as file:
         file.attrs["format_version"] = FORMAT_VERSION
         file.attrs["provenance"] = stamp.as_text()
@@ -101,7 +101,7 @@ def write(path: Path, rows: CriticRows, stamp: Stamp) -> None:
 
 
 def read_known(paths: Sequence[Path]) -> CriticRows:
-    """Read the candidates of all files whose truth is known."""
+    """Read the candidates with known truth from all files."""
     parts = []
     for path in paths:
         with open_h5(path) as file:

@@ -1,4 +1,4 @@
-"""A point critic as the training engine sees it: rows of candidates, their loss, its figures."""
+"""A point critic as a `Trainee`: rows of candidates, their loss, figures of validation."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,9 +22,9 @@ from pipelines.learning.critics.kinds import CriticKind
 from pipelines.learning.critics.logistic import best_of_groups, log_loss, logistic_regression
 from pipelines.learning.loop.faults import Fault
 
-LEAST_SPREAD = 1e-2  # of features that hardly vary: outliers in use must not outweigh the rest
-PIECES = 4  # of a batch, that threads work on
-CHUNK = 1024  # candidates of a validation at a time
+LEAST_SPREAD = 1e-2  # least spread of a feature: outliers in use must not outweigh the rest
+PIECES = 4  # parts of a batch that threads work on
+CHUNK = 1024  # candidates that validation scores at a time
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class CriticModule(nn.Module):
 
 
 class CriticTraining:
-    """A `Trainee`: a critic with the candidates that it learns from and those held out."""
+    """A `Trainee`: a critic with the candidates that it learns from and held-out candidates."""
 
     best_by = "loss"
     higher_is_better = False
@@ -101,7 +101,7 @@ class CriticTraining:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)  # layers are initialised from torch's own generator
             self.module: nn.Module = CriticModule(kind.features, candidates.mean(0), spread)
-        if start is not None:  # with its standardisation, which its weights belong to
+        if start is not None:  # with the standardisation that its weights belong to
             state = {name: torch.from_numpy(each) for name, each in start.weights.items()}
             self.module.load_state_dict(state)
 
@@ -124,14 +124,14 @@ class CriticTraining:
     def load(
         self, items: Sequence[Indices], generators: Sequence[np.random.Generator]
     ) -> CriticBatch:
-        """Return the candidates `items`, some of the points of each, jittered, in either hand."""
+        """Return candidates `items` with some of their points, jittered and mirrored at random."""
         chosen, rng, config = np.concatenate(items), generators[0], self.config
         rows = self.rows[chosen]
         total = rows.points.shape[1]
         seen = rng.permutation(total)[: max(1, round(config.point_share * total))]
         points = rows.points[:, seen].astype(np.float32)
-        hands = np.array([-1.0, 1.0], np.float32)
-        points[..., self.mirrored] *= rng.choice(hands, (len(points), 1, 1))
+        signs = np.array([-1.0, 1.0], np.float32)
+        points[..., self.mirrored] *= rng.choice(signs, (len(points), 1, 1))
         noise = rng.standard_normal((*points.shape[:2], 3), np.float32)
         points[..., :3] += np.float32(config.jitter) * noise
         columns = points, rows.shared, rows.candidates, rows.truth, rows.group
@@ -140,7 +140,7 @@ class CriticTraining:
     def loss(
         self, module: nn.Module, micro_batch: CriticBatch, generator: torch.Generator
     ) -> Mapping[str, Tensor]:
-        """Return the loss of each candidate, what choices lose, and their sum as `total`."""
+        """Return the loss of each candidate, the loss of choices, and their sum as `total`."""
         return batch_loss(module, micro_batch, generator, self.config.dropout, self.weight_choice)
 
     def tensors(self, micro_batch: CriticBatch) -> dict[str, Tensor]:
@@ -148,10 +148,10 @@ class CriticTraining:
         return dict(vars(micro_batch))
 
     def validate(self) -> dict[str, float]:
-        """Calibrate the module on the held-out candidates; return the figures of these.
+        """Calibrate the module on the held-out candidates; return its figures on them.
 
-        `loss`: of the calibrated log odds. `chosen`: mean truth of each group's most likely
-        candidate; `best`: of its best one.
+        `loss`: cross-entropy of the calibrated log odds. `chosen`: mean truth of each group's most
+        likely candidate; `best`: mean truth of each group's best candidate.
         """
         module = self.module
         if not isinstance(module, CriticModule):
@@ -177,7 +177,7 @@ class CriticTraining:
 
 
 def choice_weight(kind: CriticKind, config: TrainCriticConfig) -> float:
-    """Return the weight of the loss of choices; 0 to learn of each candidate alone."""
+    """Return the weight of the loss of choices; 0 to learn from each candidate alone."""
     return config.weight_choice if kind.chooses else 0.0
 
 

@@ -20,10 +20,10 @@ class CriticKind:
     Attributes:
         name: axes, planes or grasps.
         model: name of the critic in its weights file.
-        needs: models whose candidates it learns from, as `ModelPaths` names them.
-        num_points: of a candidate; 0 for regressions without points.
-        mirrored: columns of the points whose signs mean nothing, all at once.
-        chooses: whether it learns to choose among the candidates of a group, too.
+        needs: models whose candidates the critic learns from, as named in `ModelPaths`.
+        num_points: number of points of a candidate; 0 for regressions without points.
+        mirrored: columns of the points that may all change sign together.
+        chooses: whether the critic also learns to choose among the candidates of a group.
     """
 
     name: KindName
@@ -35,12 +35,12 @@ class CriticKind:
 
     @property
     def features(self) -> FeatureNames:
-        """Names of its features."""
+        """Names of the critic's features."""
         return critic_files.FEATURES[self.model]
 
     @property
     def is_network(self) -> bool:
-        """Whether it is a `PointCritic`, trained by steps; else regressions."""
+        """Whether the critic is a `PointCritic`, trained by steps, instead of regressions."""
         return self.num_points > 0
 
 
@@ -71,7 +71,7 @@ def critic_kind(name: str) -> CriticKind:
     """Return the kind called `name`.
 
     Raises:
-        UnknownNameError: there is none.
+        UnknownNameError: the name is unknown.
     """
     if name not in CRITIC_KINDS:
         raise UnknownNameError("critic", name, CRITIC_KINDS)

@@ -1,4 +1,4 @@
-"""Logistic regressions: the critic of axes and spheres, and calibrations of the others."""
+"""Logistic regressions: the critic of axes and spheres, and calibrations of other critics."""
 
 import numpy as np
 from scipy.special import expit
@@ -9,9 +9,9 @@ from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
 from pipelines.grasping.symmetries.axis_critic import AxisCritic
 from pipelines.learning.critics.critic_rows import CriticRows
 
-RIDGE = 1.0  # of slopes of standardised columns; chosen by eye
-STEPS = 50  # of Newton's method
-ROUNDS = 20  # of fits to the axes that the fit before chooses; a few suffice
+RIDGE = 1.0  # penalty on slopes of standardised columns; chosen by eye
+STEPS = 50  # steps of Newton's method
+ROUNDS = 20  # fits to the axes that the previous fit chooses; a few suffice
 
 
 def logistic_regression(columns: Floats, truth: Floats) -> Array:
@@ -38,8 +38,8 @@ def log_loss(log_odds: Array, truth: Array) -> float:
 def fit_axis_critic(rows: CriticRows) -> AxisCritic:
     """Return the regressions of axes and spheres.
 
-    Of a region's candidate axes only the most likely is ever used, so the fit is to these: by the
-    fit of the round before, until it chooses the same ones. The first round takes the axis with the
+    `infer` uses only the most likely axis of each region, so each round fits to the axes that the
+    previous fit prefers, until this choice stays the same. The first round takes the axis with the
     most consistent images.
 
     Raises:
@@ -49,7 +49,7 @@ def fit_axis_critic(rows: CriticRows) -> AxisCritic:
     for name, part in (("axes", rotation), ("spheres", sphere)):
         if not 0.0 < (part.truth.mean() if len(part) else 0.0) < 1.0:
             found = f"{int(part.truth.sum())} of {len(part)} are true"
-            raise ValueRangeError(f"candidate {name}", found, "some true and some false ones")
+            raise ValueRangeError(f"candidate {name}", found, "some true and some false")
     regression = logistic_regression(sphere.candidates.astype(np.float64), sphere.truth)
     critic = AxisCritic(np.array([0.0, 0.0, 0.0, 1.0]), regression)
     before: Indices | None = None

@@ -8,11 +8,11 @@ from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, Sy
 from pipelines.geometry.symmetry_error import symmetry_error
 from pipelines.metrics.symmetry_matching import TrueRegion, implied_symmetries, scored_symmetries
 
-AXIS_ANGLE = np.radians(12.0)  # of a true axis with the listed one, at most; chosen by eye
-AXIS_OFFSET = 0.008  # metres from it, at most
+AXIS_ANGLE = np.radians(12.0)  # largest angle of a true axis to the listed axis; chosen by eye
+AXIS_OFFSET = 0.008  # metres, largest distance of a true axis from the listed axis
 CENTRE_OFFSET = 0.02  # metres between the centres of spheres, at most
 HIT_ERROR = 0.25  # dense symmetry error of a hit (Sec. IV-B)
-# Of a true plane, half of a hit's: a finger needs more than a hit.
+# Largest error of a true plane, about half of HIT_ERROR: fingers need more precision than a hit.
 PLANE_ERROR = 0.134
 ALIKE = 0.8  # least cosine of normals of two planes whose error is worth computing
 
@@ -22,7 +22,7 @@ UNKNOWN = np.nan
 def axis_truth(found: Symmetry, listed: Sequence[Symmetry]) -> float:
     """Return 1 if the axis or sphere `found` is one of `listed`, else 0.
 
-    Unknown for an axis of a ball, of which any is true.
+    Unknown for an axis of a sphere, for which every axis is true.
     """
     if found.kind == "rotation" and any(each.kind == "sphere" for each in listed):
         return UNKNOWN
@@ -45,7 +45,7 @@ def _matches(found: Symmetry, listed: Symmetry) -> bool:
 def plane_truth(plane: ReflectionSymmetry, region: TrueRegion) -> float:
     """Return 1 if `plane` is listed for the region, else 0.
 
-    Unknown for planes near a listed one, which are hits but too inexact for a finger, and for
+    Unknown for planes near a listed plane, which are hits but too inexact for a finger, and for
     planes that follow from other symmetries.
     """
     listed = scored_symmetries(region, "reflection")

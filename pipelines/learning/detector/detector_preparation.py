@@ -1,4 +1,4 @@
-"""Frames as the region detector learns them: small, with the support plane and numbered regions."""
+"""Training frames of the region detector: small, with the support plane and numbered regions."""
 
 from collections.abc import Sequence
 
@@ -19,7 +19,7 @@ from pipelines.tabletop.depth_channels import find_plane, shrink
 def frames_of_scene(
     scene: SceneFiles, root: GraspNetRoot, config: FinetuneDetectorConfig
 ) -> list[DetectorFrame]:
-    """Return the frames of a scene with the regions that its objects show."""
+    """Return the frames of a scene with the visible regions of its objects."""
     frames = []
     for files in strided_frames(scene, config.frame_stride):
         shown = read_region_frame(root, files, config.min_pixels)
@@ -31,10 +31,10 @@ def frames_of_scene(
 def frames_of_coco(
     listed: Sequence[CocoFrame], root: GraspNetRoot, config: FinetuneDetectorConfig
 ) -> list[DetectorFrame]:
-    """Return frames of a COCO dataset with the regions that it lists.
+    """Return frames of a COCO dataset with its annotated regions.
 
     Raises:
-        FormatError: masks of another size than their frame.
+        FormatError: a mask and its frame differ in size.
     """
     frames = []
     for each in listed[:: config.frame_stride]:

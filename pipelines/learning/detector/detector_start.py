@@ -25,31 +25,31 @@ def starting_detector(
     coco_weights: str | None = None,
     init: Path | None = None,
 ) -> MaskRCNN:
-    """Return the detector to start from, with COCO's weights or those of `init` if they are named.
+    """Return the detector to start from, with COCO's weights or the weights of `init`, if given.
 
-    A light detector of colour and geometry may start from one of geometry: its stream of colour
-    then starts anew.
+    A light detector of colour and geometry may start from a detector of geometry; its colour stream
+    then starts from random weights.
 
     Raises:
-        ValueRangeError: COCO weights are asked for a variant that has none.
-        FormatError: `init` holds no weights of this detector, or the file of COCO's none of COCO's.
+        ValueRangeError: COCO weights are requested for a variant that has none.
+        FormatError: `init` holds no weights of this detector, or `coco_weights` no COCO weights.
     """
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)  # layers are initialised from torch's own generator
         model = build_detector(config.detector)
     if coco_weights is not None:
         if config.detector.variant != "resnet50":
-            what = "left out unless --variant resnet50"
-            raise ValueRangeError("--coco-weights", coco_weights, what)
+            expected = "left out unless --variant resnet50"
+            raise ValueRangeError("--coco-weights", coco_weights, expected)
         fresh = adopt_coco(model, read_coco(coco_weights), coco_weights)
-        log.info("%d tensors start anew, the others from COCO", len(fresh))
+        log.info("%d tensors start from random values, the others from COCO", len(fresh))
     if init is not None:
         tensors, settings = read_weights(init, MODEL_NAME, DetectorConfig)
         found, wanted = _kind(settings), _kind(config.detector)
         if (found, wanted) == (GEOMETRY_ALONE, BOTH_STREAMS):
             tensors = model.state_dict() | tensors
         elif found != wanted:
-            raise FormatError(init, f"is of a detector with {found}", f"{wanted} is asked for")
+            raise FormatError(init, f"is of a detector with {found}", f"{wanted} is needed")
         fill(model, tensors, init)
     return model
 
@@ -70,5 +70,5 @@ def read_coco(source: str) -> dict[str, torch.Tensor]:
         return dict(weights.get_state_dict(progress=False, check_hash=True))
     except OSError as error:
         raise SymgraspError(
-            f"{weights.url} cannot be reached ({error}); give --coco-weights a file of it"
+            f"{weights.url} cannot be reached ({error}); give --coco-weights a copy of the file"
         ) from error

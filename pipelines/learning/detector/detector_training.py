@@ -1,4 +1,4 @@
-"""The region detector as the training engine sees it: frames, Mask R-CNN's losses, mask AP."""
+"""The region detector as a `Trainee`: frames, Mask R-CNN's losses, mask AP."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import cast
@@ -31,7 +31,7 @@ CPU_MICRO_BATCH = 2  # frames
 
 
 class DetectorTraining:
-    """A `Trainee`: the detector with the frames it learns from and those it is judged on."""
+    """A `Trainee`: the detector with its training frames and its validation frames."""
 
     best_by = "mask_ap50"
     higher_is_better = True
@@ -104,7 +104,7 @@ def spread(keys: FileRows, most: int) -> FileRows:
 def mask_figures(frames: Iterable[tuple[Mask, Mask, NDArray[np.floating]]]) -> dict[str, float]:
     """Return AP at IoU 0.5, AP averaged over IoU 0.5 to 0.95, and recall at IoU 0.5.
 
-    `frames`: of each the true masks (n, h, w), the found ones (m, h, w), and their confidence (m,).
+    `frames`: for each frame its true masks (n, h, w), found masks (m, h, w) and confidence (m,).
     """
     num_truth, right = 0, list[Mask]()
     confidence: list[NDArray[np.floating]] = []

@@ -27,12 +27,12 @@ HUE_CHANGES = 0.3  # share of views with other hues
 BLURS, MAX_BLUR = 0.4, 1.5  # share of views out of focus; standard deviation in pixels
 MAX_COLOR_NOISE = 0.05  # standard deviation, of full brightness
 STREAM_LOSS = 0.12  # share of views without colour, and of views without geometry
-MIN_REGION_PIXELS = 30  # at the detector's size; less cannot be learned from
+MIN_REGION_PIXELS = 30  # at the detector's size; smaller regions cannot be learned from
 
 
 @dataclass(frozen=True)
 class DetectorExample:
-    """An image (C, h, w) and what is in it: `boxes` (n, 4), `labels` (n,), `masks` (n, h, w)."""
+    """An image (C, h, w) and its regions: `boxes` (n, 4), `labels` (n,), `masks` (n, h, w)."""
 
     image: Tensor
     target: dict[str, Tensor]
@@ -126,7 +126,7 @@ def random_colors(color: NDArray[np.uint8], rng: np.random.Generator) -> NDArray
 def with_lost_stream(image: Tensor, kind: str, rng: np.random.Generator) -> Tensor:
     """Return an image (C, h, w) of `detector_image` that lacks colour or geometry, at random.
 
-    A detector of both thus learns to do with either; other kinds stay as they are.
+    A detector of `both` thus learns to work with either; other kinds stay unchanged.
     """
     if kind != "both" or (which := rng.random()) > 2.0 * STREAM_LOSS:
         return image
@@ -140,7 +140,7 @@ def with_lost_stream(image: Tensor, kind: str, rng: np.random.Generator) -> Tens
 
 
 def as_example(view: DetectorFrame, kind: str) -> DetectorExample:
-    """Return what the detector is shown of a frame and what it is to answer."""
+    """Return the input and the target of the detector for a frame."""
     image = detector_image(view.frame, view.plane, kind)
     masks = masks_of(view.regions)
     boxes = np.array([box_of_mask(mask) for mask in masks], np.float32).reshape(-1, 4)
@@ -153,7 +153,7 @@ def as_example(view: DetectorFrame, kind: str) -> DetectorExample:
 
 
 def random_example(view: DetectorFrame, kind: str, rng: np.random.Generator) -> DetectorExample:
-    """Return a random view of a frame as what a detector of `kind` learns from."""
+    """Return a random view of a frame as a training example of a detector of `kind`."""
     example = as_example(random_view(view, rng), kind)
     return replace(example, image=with_lost_stream(example.image, kind, rng))
 

@@ -1,4 +1,4 @@
-"""The grasp network as the training engine sees it: data, Siamese loss, figures (Sec. III-E)."""
+"""The grasp network as a `Trainee`: data, Siamese loss, figures (Sec. III-E)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -25,29 +25,29 @@ from pipelines.network.regions import RegionBatch
 from pipelines.network.sampling import gather
 
 VALIDATION_BATCH = 12
-OWN = ("query", "measured")  # of a sample, beside its regions' and their copies'
-COPY = "copy_"  # before the names of the copies' tensors
-CPU_MICRO_BATCH = 6  # regions; two threads with these are quickest
+OWN = ("query", "measured")  # tensors of a sample, in addition to its regions and their copies
+COPY = "copy_"  # prefix of the names of the copies' tensors
+CPU_MICRO_BATCH = 6  # regions; the fastest number for two threads
 
 
 @dataclass(frozen=True)
 class Sample:
-    """Augmented regions as a step sees them: nothing is left to be drawn."""
+    """Augmented regions of a training step, which draws nothing further at random."""
 
-    regions: RegionBatch  # of (B, N) points, the initial ones
-    # The same points scaled along a principal direction, their labels with them.
+    regions: RegionBatch  # (B, N) points, the initial branch
+    # The same points and labels, scaled along a principal direction.
     copies: RegionBatch
-    query: Tensor  # (B, Q) the points that are asked about
+    query: Tensor  # (B, Q) the points with a prediction
     measured: Tensor  # (B, S) the points on which dense errors are measured
 
     def tensors(self) -> dict[str, Tensor]:
-        """Return all of it by name."""
+        """Return all tensors by name."""
         copies = {COPY + name: tensor for name, tensor in vars(self.copies).items()}
         return {name: getattr(self, name) for name in OWN} | dict(vars(self.regions)) | copies
 
     @classmethod
     def of(cls, tensors: Mapping[str, Tensor]) -> "Sample":
-        """Return what `tensors` gave."""
+        """Return the sample of the result of `tensors`."""
         names = RegionBatch.__dataclass_fields__
         regions, copies = (
             RegionBatch(*(tensors[before + name] for name in names)) for before in ("", COPY)
@@ -56,7 +56,7 @@ class Sample:
 
 
 class GraspTraining:
-    """A `Trainee`: the network with the regions it learns from and those it is judged on."""
+    """A `Trainee`: the network with its training regions and its validation regions."""
 
     best_by = "loss"
     higher_is_better = False
@@ -82,7 +82,7 @@ class GraspTraining:
         return self.train_set.epoch(number, rng)
 
     def load(self, items: Indices, generators: Sequence[np.random.Generator]) -> Sample:
-        """Return regions augmented and a scaled copy of each."""
+        """Return augmented regions and a scaled copy of each region."""
         regions = self.train_set.load(items, generators)
         return augmented(regions, self.config, generators)
 
@@ -120,7 +120,7 @@ class GraspTraining:
 def augmented(
     regions: RegionBatch, config: TrainConfig, generators: Sequence[np.random.Generator]
 ) -> Sample:
-    """Return regions in random views, scaled copies, and the points that a step asks about."""
+    """Return regions in random views, scaled copies, and the points with a prediction."""
     initial = augment(regions, config.augmentation, generators)
     copies = scaled_copy(initial, config.augmentation, generators)
     count = regions.points.shape[1]
@@ -135,8 +135,8 @@ def sample_loss(
 ) -> dict[str, Tensor]:
     """Return the terms of the loss of one micro-batch by name, `total` among them.
 
-    Both branches learn from labels, and without Siamese training separately (Sec. IV-C); of a
-    scaled sphere no label is left, so of such copies the features alone count.
+    Both branches learn from labels, without Siamese training separately (Sec. IV-C). A scaled
+    sphere has no label, so only the features of such a copy count.
     """
     both = RegionBatch.joined(sample.regions, sample.copies).to(device)
     query, measured = (

@@ -1,4 +1,4 @@
-"""Figures of a grasp network on labelled regions, by which training is validated."""
+"""Validation figures of a grasp network on labelled regions."""
 
 from collections import defaultdict
 
@@ -13,9 +13,9 @@ from pipelines.network.matching import NUM_REFLECTIONS, match_reflections
 from pipelines.network.model import Prediction
 from pipelines.network.regions import RegionBatch
 
-GRASPABLE = 0.5  # affordance above which a point is grasped (Sec. III-E)
+GRASPABLE = 0.5  # least affordance of a grasped point (Sec. III-E)
 HIT = EvaluateConfig.symmetry_thresholds[0]  # dense error below which a plane is found, D. 11
-NUM_FIGURE_POINTS = 64  # of a region, on which dense errors are measured; chosen by eye
+NUM_FIGURE_POINTS = 64  # points of a region that dense errors are measured on; chosen by eye
 MEDIANS = ("plane_angle_deg", "plane_dense_error", "axis_angle_deg", "sphere_offset_m")
 
 
@@ -54,7 +54,7 @@ class RegionFigures:
         parts["sphere_offset_m"].append(offset.norm(dim=-1))
 
     def figures(self) -> dict[str, float]:
-        """Return the figures by name: degrees, metres, shares; kinds without truth are left out."""
+        """Return the figures by name: degrees, metres, shares; without kinds that have no truth."""
         found = {name: torch.cat(parts) for name, parts in self._parts.items()}
         affordance, truth = found["affordance"], found["true_affordance"]
         right, errors = found["right"].float().mean(0), found["plane_dense_error"]
@@ -74,7 +74,7 @@ class RegionFigures:
 
 def _angle_deg(direction: Tensor, truth: Tensor) -> Tensor:
     """Return angles (n,) in degrees between lines (n, 3)."""
-    # Not the cosine alone: near zero it leaves a third of a degree to rounding.
+    # The cosine alone would have rounding errors of a third of a degree near zero.
     sine = torch.linalg.cross(direction, truth).square().sum(-1).sqrt()
     return torch.rad2deg(torch.atan2(sine, (direction * truth).sum(-1).abs()))
 
@@ -83,7 +83,7 @@ def area_under_roc(
     values: Tensor,  # (n,)
     positive: Tensor,  # (n,) bool
 ) -> float:
-    """Return the share of pairs in which the positive has the higher value, equal ones as half.
+    """Return the share of pairs whose positive has the higher value; equal values count half.
 
     0.5 if there is no positive or no negative.
     """
@@ -93,7 +93,7 @@ def area_under_roc(
         return 0.5
     from scipy.stats import rankdata  # noqa: PLC0415 - slow to import
 
-    ranks = rankdata(values.cpu().numpy())  # equals share the mean of their ranks
+    ranks = rankdata(values.cpu().numpy())  # equal values share their mean rank
     surplus = float(ranks[positive.cpu().numpy()].sum()) - positives * (positives + 1) / 2
     return surplus / (positives * negatives)
 
@@ -105,10 +105,11 @@ def average_symmetries(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Return mean existence (B, 5) as probabilities, centre (B, 5, 3) and unit direction (B, 5, 3).
 
-    Over the Q points by `weight`, whose rows sum to one; frame and unit are the prediction's.
+    The means are over the Q points by `weight`, with rows that sum to one; frame and unit are the
+    prediction's.
 
-    n and -n are one plane: directions are averaged as outer products, of whose sum the leading
-    eigenvector is taken. Centres are weighted medians, coordinate by coordinate.
+    n and -n are one plane, so the mean direction is the leading eigenvector of the sum of the
+    directions' outer products. Centres are weighted medians, coordinate by coordinate.
     """
     existence = (torch.sigmoid(prediction.existence) * weight[..., None]).sum(1)
     weighted = prediction.direction * weight[..., None, None]

@@ -1,6 +1,6 @@
-"""Sources of a training's regions: packed ones, endlessly rendered ones, or both.
+"""Sources of training regions: packed regions, endlessly rendered regions, or both.
 
-An item is a pair: (-1, index) of a packed region, (scene, slot) of a rendered one.
+An item is a pair: (-1, index) of a packed region, (scene, slot) of a rendered region.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ class RegionSet:
 
 @dataclass(frozen=True)
 class TrainingRegions:
-    """Packed regions, rendered ones, or a share of each in every batch."""
+    """Packed regions, rendered regions, or a share of each in every batch."""
 
     packed: RegionSet | None
     rendered: "EndlessPool | None"
@@ -40,8 +40,8 @@ class TrainingRegions:
     def epoch(self, number: int, rng: np.random.Generator) -> list[Indices]:
         """Return the items (B, 2) of the batches of epoch `number`, counted from 0.
 
-        An epoch shows each packed region at most once; without any it is as long as
-        `epoch_regions` says.
+        An epoch shows each packed region at most once; without packed regions it has
+        `epoch_regions` regions.
         """
         size, endless = self.config.batch_size, self.config.endless
         fresh = round(size * endless.share) if self.rendered else 0
@@ -58,7 +58,7 @@ class TrainingRegions:
         return [rng.permutation(batch) for batch in both]
 
     def load(self, items: Indices, generators: Sequence[np.random.Generator]) -> RegionBatch:
-        """Return regions with as many of their points as the network takes, drawn and centred."""
+        """Return regions, each with as many points as the network takes, drawn and centred."""
         network, lost = self.config.network, self.config.augmentation.lost_table
         pairs = zip(items.tolist(), generators, strict=True)
         return batch_of([draw_points(self._region(*at), network, rng, lost) for at, rng in pairs])
@@ -68,7 +68,7 @@ class TrainingRegions:
             return self.packed.reader[index]
         if scene != PACKED and self.rendered is not None:
             return self.rendered.region(scene, index)
-        raise LookupError(f"item ({scene}, {index}) is of a source that is not there")
+        raise LookupError(f"item ({scene}, {index}) is of a source that this training lacks")
 
 
 def packed_items(indices: Indices) -> Indices:
@@ -81,8 +81,8 @@ def rendered_items(
 ) -> Indices:
     """Return `count` items (n, 2) of scenes that no other epoch shows.
 
-    They are in random order among each group of scenes; groups follow each other, so that few
-    scenes need be kept at a time.
+    The order is random within each group of scenes; groups follow each other, so that few scenes
+    are kept at a time.
     """
     in_group = config.scenes_together * config.regions_per_scene
     groups = -(-count // in_group)

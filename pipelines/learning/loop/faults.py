@@ -1,8 +1,8 @@
-"""The micro-batch at which a training failed, kept with the weights of that moment.
+"""The micro-batch at which a training failed, kept with the weights at that step.
 
 `NAME.fault.safetensors` holds `weights.*` and `batch.*`, and as metadata the place (seed, epoch,
-step, number), the loss terms and the stamp with the settings. `replay` of the stage's module gives
-the loss terms again.
+step, number), the loss terms and the stamp with the settings. `replay` of the stage's module
+computes the loss terms again.
 """
 
 import json
@@ -28,7 +28,7 @@ class Fault:
     weights: Mapping[str, Tensor]
     batch: dict[str, Tensor]
     place: tuple[int, int, int, int]  # seed, epoch, step, number of the micro-batch
-    settings: Mapping[str, Any]  # of the stage's config
+    settings: Mapping[str, Any]  # the stage's config
 
     def generator(self) -> torch.Generator:
         """Return the generator that the loss drew from."""
@@ -51,10 +51,10 @@ def save_fault(
 
 
 def read_fault(path: Path) -> Fault:
-    """Read what `save_fault` wrote.
+    """Read a fault that `save_fault` wrote.
 
     Raises:
-        FormatError: the file holds something else.
+        FormatError: the file holds no fault.
     """
     tensors, metadata = load_weights(path)
     if "place" not in metadata or "provenance" not in metadata:
@@ -66,7 +66,7 @@ def read_fault(path: Path) -> Fault:
 
 
 def describe_losses(losses: Losses) -> str:
-    """Return the loss terms in one line, those that are not finite first."""
+    """Return the loss terms in one line, non-finite terms first."""
     ordered = sorted(losses.items(), key=lambda item: math.isfinite(item[1]))
     return ", ".join(f"{name} {value:.4g}" for name, value in ordered)
 
@@ -81,6 +81,6 @@ def numbered(items: Sequence[Mapping[str, Tensor]]) -> dict[str, Tensor]:
 
 
 def unnumbered(tensors: Mapping[str, Tensor]) -> list[dict[str, Tensor]]:
-    """Return the items of which `numbered` made one mapping."""
+    """Return the items that `numbered` joined to one mapping."""
     items = by_kind(tensors)
     return [items[number] for number in sorted(items, key=int)]

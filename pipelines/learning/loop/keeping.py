@@ -1,9 +1,9 @@
 """Files of a training: its checkpoint, the best weights so far, the curves.
 
-A finished run leaves its best weights at the end of an epoch. A run that stops within an epoch is
-validated there too, and may leave the weights of that moment; they are forgotten when the run is
-resumed, so that the result does not depend on where it stopped. All files are written whole or not
-at all, by the first process alone.
+A finished run leaves the best weights of all ends of epochs. A run that stops within an epoch is
+validated there too, and may leave the weights of that step; a resumed run forgets these weights, so
+that the result does not depend on the place of the stop. Files are written whole or not at all, by
+the first process alone.
 """
 
 import json
@@ -60,7 +60,7 @@ class Keeper:
         return Progress.of(state.progress)
 
     def save_checkpoint(self, progress: Progress) -> None:
-        """Write everything that the training needs to go on."""
+        """Write everything that the training needs to continue."""
         now = time.monotonic()
         progress.seconds += now - self.saved
         self.saved = now
@@ -81,29 +81,29 @@ class Keeper:
         *,
         whole_epoch: bool,
     ) -> None:
-        """Keep `weights`, which `figures` are of, if they are the best so far."""
+        """Keep `weights`, which have these `figures`, if they are the best so far."""
         better = self._is_better(figures[self.trainee.best_by], progress.best)
         if whole_epoch:
             if better:
                 progress.best, progress.figures = figures[self.trainee.best_by], figures
                 self._best = weights
-            # The output may be of the moment at which an earlier run stopped.
+            # The output may have the weights of the step at which an earlier run stopped.
             if self._best and (better or progress.kept != progress.figures):
                 self._write_best(progress)
         elif better:
             progress.kept = figures
-            # First of all the checkpoint says so: a kill between the two loses nothing.
+            # The checkpoint comes first: a kill between the two writes loses nothing.
             self.save_checkpoint(progress)
             self._write(weights, figures)
         write_curves(file_of_run(self.output, CURVES), progress.history, self.trainee.best_by)
 
     def finish(self, progress: Progress) -> None:
-        """Write the best weights of a finished run, if a kill kept them from being written."""
+        """Write the best weights of a finished run, if a kill has prevented that."""
         if self._best and (progress.kept != progress.figures or not self.output.exists()):
             self._write_best(progress)
 
     def _write_best(self, progress: Progress) -> None:
-        # The checkpoint first: weights without one would be taken for another run's.
+        # The checkpoint comes first: weights without one would be taken for another run's.
         self.save_checkpoint(progress)
         self._write(self._best, progress.figures)
         progress.kept = progress.figures

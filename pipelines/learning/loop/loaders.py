@@ -17,7 +17,7 @@ from pipelines.errors import ValueRangeError
 from pipelines.network.regions import RegionBatch
 from pipelines.tabletop.levelling import level_axes, table_of_row
 
-STOP_SECONDS = 0.5  # between looks at whether to stop
+STOP_SECONDS = 0.5  # between checks whether to stop
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -28,7 +28,7 @@ def epoch_batches(
 ) -> list[Indices]:
     """Return `indices` in random order, cut into batches; a rest is left out of the epoch.
 
-    Fewer than a batch are one batch; none are no batch.
+    Fewer indices than a batch are one batch; no indices are no batch.
     """
     order = rng.permutation(np.asarray(indices, np.int64))
     count = max(min(1, len(order)), len(order) // batch_size)
@@ -38,10 +38,10 @@ def epoch_batches(
 def split_by_scene(
     reader: PackedReader, fraction: float, rng: np.random.Generator
 ) -> tuple[Indices, Indices]:
-    """Return indices of regions to train on and of the `fraction` of scenes held out.
+    """Return indices of training regions and of the regions of the `fraction` of scenes held out.
 
-    Files of one scene (its two cameras) stay together: a view of a training scene says nothing
-    about unseen scenes. At least one scene is held out and one is trained on; scenes without
+    Files of one scene (its two cameras) stay together: a view of a training scene is no
+    test on an unseen scene. At least one scene is held out and one is trained on; scenes without
     regions do not count.
 
     Raises:
@@ -51,7 +51,7 @@ def split_by_scene(
     pairs = zip(scene_of_file, reader.counts, strict=True)
     scenes = sorted({scene for scene, count in pairs if count})
     if len(scenes) < 2:
-        expected = "at least 2, or give --val a folder of its own"
+        expected = "at least 2, or give --val a folder of packed regions"
         raise ValueRangeError("number of packed scenes with regions", len(scenes), expected)
     count = min(max(1, round(fraction * len(scenes))), len(scenes) - 1)
     held_out = set(rng.permutation(scenes)[:count].tolist())
@@ -70,7 +70,7 @@ def load_regions(
     network: NetworkConfig,
     generators: Sequence[np.random.Generator],
 ) -> RegionBatch:
-    """Return regions with `num_points` of their points each, centred on those points' centroid.
+    """Return regions of `num_points` points each, centred on the centroid of these points.
 
     Each region draws its points from its own generator.
     """
@@ -86,7 +86,7 @@ def batch_of(regions: Sequence[tuple[Singles, ...]]) -> RegionBatch:
 def draw_points(
     region: PackedRegion, network: NetworkConfig, rng: np.random.Generator, lost_table: float = 0.0
 ) -> tuple[Singles, ...]:
-    """Return some of a region's points, centred, axes of the network, and their labels.
+    """Return some of a region's points, centred, in the network's axes, and their labels.
 
     `lost_table`: probability that the table is treated as unknown.
     """
@@ -109,7 +109,7 @@ def draw_points(
 
 
 class _Steps(Dataset[Result | Exception]):
-    """The loaded batch of each step, or the error of loading it, for torch's loader."""
+    """The loaded batch of each step, or the error in loading, for torch's loader."""
 
     def __init__(self, load: Callable[[int], Result]) -> None:
         self.load = load
@@ -129,8 +129,8 @@ def load_ahead(
 ) -> Generator[Result]:
     """Yield `load(step)` for each step, in order, loaded ahead.
 
-    In `processes` forked ones, or with 0 in a thread. What is loaded is the same either way. Ends
-    early where `is_stopped` says so while a batch of the thread is waited for.
+    `processes` forked processes load, or a thread if it is 0; the batches are equal either way.
+    Ends early if `is_stopped` becomes true while a batch of the thread is awaited.
     """
     if not processes or not len(steps):
         yield from prefetch(load, steps, is_stopped=is_stopped)
@@ -152,7 +152,7 @@ def load_ahead(
 def _waited_for(
     ready: "queue.Queue[Result | BaseException | None]", is_stopped: Callable[[], bool]
 ) -> Result | BaseException | None:
-    """Return the next of `ready`, or None once `is_stopped` says so."""
+    """Return the next item of `ready`, or None once `is_stopped` is true."""
     while True:
         try:
             return ready.get(timeout=STOP_SECONDS)
@@ -166,10 +166,10 @@ def prefetch(
     items: Iterable[Item],
     is_stopped: Callable[[], bool] = lambda: False,
 ) -> Iterator[Result]:
-    """Yield `load(item)` for each item, two of them loaded ahead in a thread.
+    """Yield `load(item)` for each item, two items loaded ahead in a thread.
 
-    An exception of `load` is raised where its result was due. Ends early if `is_stopped` while a
-    result is waited for.
+    An exception of `load` is raised in place of the result. Ends early if `is_stopped` becomes true
+    while a result is awaited.
     """
     ready: queue.Queue[Result | BaseException | None] = queue.Queue(2)
     stopped = threading.Event()
@@ -193,7 +193,7 @@ def prefetch(
             yield result
     finally:
         stopped.set()
-        # It may wait for room in the queue. Where the training is to stop, nobody waits for it.
+        # The thread may wait for room in the queue; a stopped training does not wait for it.
         while thread.is_alive() and not is_stopped():
             while not ready.empty():
                 ready.get_nowait()

@@ -1,8 +1,8 @@
 """The training engine that `train` and `finetune-detector` share.
 
-A run owns beside its output `NAME.safetensors`, which always holds the best weights by validation
-so far: `NAME.checkpoint.safetensors`, from which it goes on exactly, `NAME.curves.png`, the folder
-`NAME.logs` of TensorBoard scalars, and, where it came apart, `NAME.fault.safetensors`.
+The output `NAME.safetensors` always holds the best weights by validation so far. A run also owns
+`NAME.checkpoint.safetensors`, from which it resumes exactly, `NAME.curves.png`, the folder
+`NAME.logs` of TensorBoard scalars, and, after a loss that is not finite, `NAME.fault.safetensors`.
 """
 
 import math
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from torch.utils.tensorboard import SummaryWriter
 
 LearningConfig = TrainConfig | FinetuneDetectorConfig | TrainCriticConfig | TrainBaselineConfig
-CLIP_NORM = 10.0  # longer gradients are shortened to it
+CLIP_NORM = 10.0  # longest gradient; longer ones are scaled to this norm
 CHECKPOINT_SECONDS = 180.0  # between checkpoints
 LOG_SECONDS = 20.0  # between log lines
 
@@ -84,13 +84,13 @@ class TrainingRun:
         self._losses: Losses = {}
 
     def resume(self) -> None:
-        """Go back to where the checkpoint stands."""
+        """Restore the state of the checkpoint."""
         self.progress = self.keeper.restore()
 
     def report(self, started: float, *, resumes: bool) -> StageReport:
         """Train, from the checkpoint if it `resumes`; return the report of the stage.
 
-        `started`: when the stage began, of the monotonic clock.
+        `started`: start of the stage on the monotonic clock.
         """
         if resumes:
             self.resume()
@@ -99,13 +99,13 @@ class TrainingRun:
         return StageReport(self.stamp.stage, [name], notes={name: note}, seconds=seconds)
 
     def run(self) -> Progress:
-        """Train, validate after each epoch and at the end, and return where it stands.
+        """Train, validate after each epoch and at the end, and return the progress.
 
         Raises:
-            TrainingStopped: by SIGTERM or Ctrl-C; a checkpoint is written.
+            TrainingStopped: SIGTERM or Ctrl-C came; a checkpoint is written.
             ValueRangeError: the loss or its gradient is not finite; the batch is kept.
         """
-        self.processes.wait()  # nobody writes before all have read
+        self.processes.wait()  # no process writes before all have read
         self._steps_before = self.progress.total_steps
         self._began = self.keeper.saved = self._logged = time.monotonic()
         with ExitStack() as stack:
@@ -127,7 +127,7 @@ class TrainingRun:
             raise TrainingStopped(
                 reason,
                 f"after {self.progress.total_steps} steps; "
-                f"{file_of_run(self.output, CHECKPOINT)} holds them, --resume goes on",
+                f"{file_of_run(self.output, CHECKPOINT)} holds them, --resume continues",
             )
         return self.progress
 
@@ -136,7 +136,7 @@ class TrainingRun:
             return None
         from torch.utils.tensorboard import SummaryWriter  # noqa: PLC0415 - slow to import
 
-        # What an earlier run told of later steps, or of all if this one starts anew, is void.
+        # Removes an earlier run's scalars of later steps, or all scalars if this run starts anew.
         purge = self.progress.total_steps
         writer: SummaryWriter = stack.enter_context(
             SummaryWriter(str(file_of_run(self.output, LOGS)), purge_step=purge)
@@ -152,11 +152,11 @@ class TrainingRun:
         return GradientWorkers(self.trainee, threads, self.processes, self._stop_alone())
 
     def _run_epoch(self, workers: GradientWorkers) -> Reason:
-        """Take the steps that are left of an epoch and save; return why to stop, if at all."""
+        """Take the remaining steps of an epoch and save; return the reason to stop, if any."""
         epoch, seed = self.progress.epoch, self.request.seed
         batches = self.trainee.epoch(epoch, generator(seed, epoch))
         if not len(batches):
-            raise ValueRangeError("number of batches an epoch", 0, "at least 1")
+            raise ValueRangeError("number of batches per epoch", 0, "at least 1")
         remaining = range(self.progress.step, len(batches))
         self.module.train()
 
@@ -166,7 +166,7 @@ class TrainingRun:
 
         reason = Reason.NONE
         loaded = load_ahead(load, remaining, self.request.loaders, self._stop_alone())
-        for step, pieces in zip(remaining, loaded, strict=False):  # fewer where it is to stop
+        for step, pieces in zip(remaining, loaded, strict=False):  # fewer if the run stops
             self._set_learning_rate(epoch + step / len(batches))
             try:
                 self._step(workers, pieces)
@@ -177,7 +177,7 @@ class TrainingRun:
             self._report_and_save(batches)
             if reason := self._why_stop():
                 break
-        loaded.close()  # stops what loads
+        loaded.close()  # stops loading
         if self.progress.step < len(batches) and not reason:
             reason = self._why_stop()
         self._save_checkpoint()
@@ -204,16 +204,18 @@ class TrainingRun:
             self._losses[name] = 0.95 * self._losses.get(name, value) + 0.05 * value
 
     def _give_up(self, workers: GradientWorkers, loaded: Sequence[Loaded], losses: Losses) -> None:
-        """Keep the micro-batch that is at fault and say where it is."""
+        """Keep the faulty micro-batch and raise an error that names its file."""
         place = (self.request.seed, self.progress.epoch, self.progress.step)
         fault, path = workers.find_fault(loaded, place), file_of_run(self.output, FAULT)
         number = fault[0].number if fault else -1
-        last = self.processes.most(number)  # of the processes that found one, one keeps it
+        last = self.processes.most(number)  # only one process with a fault keeps it
         if fault is not None and number == last:
             batch = self.trainee.tensors(fault[1])
             save_fault(path, self.module, batch, (*place, number), self.stamp)
         self.processes.wait()
-        kept = f"{path} holds the batch" if last >= 0 else "each micro-batch alone is"
+        kept = (
+            f"{path} holds the batch" if last >= 0 else "each micro-batch alone has a finite loss"
+        )
         raise ValueRangeError(
             f"loss at epoch {place[1] + 1}, step {place[2] + 1}",
             describe_losses(losses),
@@ -234,7 +236,7 @@ class TrainingRun:
             return
         steps = self.progress.total_steps
         self.progress.history.add_figures(steps, figures)
-        # The module has its own weights again: this may write a checkpoint.
+        # The module has its own weights again, so that this may write a checkpoint.
         self.keeper.judge(figures, judged, self.progress, whole_epoch=whole_epoch)
         for name, figure in figures.items():
             self.writer.add_scalar(f"val/{name}", figure, steps)
@@ -242,7 +244,7 @@ class TrainingRun:
         self.display.say(f"validation after {steps} steps: {text}")
 
     def _judged(self) -> tuple[dict[str, float], dict[str, torch.Tensor]]:
-        """Return the figures of the mean weights, and these; the checkpoint is of this moment."""
+        """Return the figures of the mean weights, and the mean weights at this step."""
         with self.signals.at_once(), self.average.applied():
             self.module.eval()
             figures = self.trainee.validate()
@@ -277,12 +279,12 @@ class TrainingRun:
         return time.monotonic() - self._began
 
     def _stop_alone(self) -> Callable[[], bool]:
-        """Return what says in mid-step to stop; several processes must stop after the same step."""
+        """Return the test whether to stop in mid-step, never true with several processes."""
         alone = self.processes.count == 1
         return lambda: alone and self.signals.reason is not Reason.NONE
 
     def _why_stop(self) -> Reason:
-        """Return why to stop, the same in all processes."""
+        """Return the reason to stop, equal in all processes."""
         limit, own = self.request.max_seconds, self.signals.reason
         if limit is not None and self._elapsed() > limit:
             own = max(own, Reason.TIME_LIMIT)

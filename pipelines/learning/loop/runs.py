@@ -9,36 +9,38 @@ from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.storage.checkpoints import load_training
 from pipelines.storage.provenance import COMPARED, Stamp, read_stamp
 
-# What a run owns beside its output.
+# Endings of files that a run owns in addition to its output.
 CHECKPOINT, CURVES, LOGS = "checkpoint.safetensors", "curves.png", "logs"
 FAULT = "fault.safetensors"  # the batch without a finite loss
-MOST_POINTS = 400  # of a curve; one that grows longer is thinned to half
+MOST_POINTS = 400  # points of a curve; a longer curve is thinned to half
 
 
 @dataclass(frozen=True)
 class RunRequest:
-    """Options of a run that do not change what it converges to."""
+    """Options of a run that do not change its converged result."""
 
-    seed: int = 0  # of everything drawn at random
+    seed: int = 0  # seed of everything drawn at random
     device: str = "auto"  # auto, cpu, cuda or cuda:N
     threads: int = 2  # CPU cores to use
     max_seconds: float | None = None  # time after which the run stops cleanly, None for no limit
-    resume: bool = False  # go on with an unfinished run
-    overwrite: bool = False  # start again whatever is there
+    resume: bool = False  # continue an unfinished run
+    overwrite: bool = False  # start again even if files exist
     progress: bool = False  # show a progress bar on stderr instead of lines
-    loaders: int = 0  # processes that load batches ahead; 0 for a thread of this one
+    loaders: int = 0  # processes that load batches ahead; 0 for a thread
 
 
 @dataclass
 class History:
-    """Curves of one training; kept in the checkpoint, so that those of a resumed run are whole."""
+    """Curves of one training, kept in the checkpoint so that a resumed run has whole curves."""
 
     every: int = 1  # steps that a point of `train` stands for
     # by term, means over `every` steps each
     train: dict[str, list[float]] = field(default_factory=dict)
     # by figure, pairs (steps done, value)
     val: dict[str, list[tuple[int, float]]] = field(default_factory=dict)
-    pending: dict[str, float] = field(default_factory=dict)  # sums over the steps since
+    pending: dict[str, float] = field(
+        default_factory=dict
+    )  # sums over the steps since the last point
     num_pending: int = 0
 
     def add_losses(self, losses: Mapping[str, float]) -> None:
@@ -69,13 +71,13 @@ class History:
 
 @dataclass
 class Progress:
-    """Progress of a run: the contents of a checkpoint beside tensors."""
+    """Progress of a run: the contents of a checkpoint without its tensors."""
 
     epoch: int = 0
-    step: int = 0  # of this epoch
+    step: int = 0  # steps done in this epoch
     total_steps: int = 0
     seconds: float = 0.0
-    best: float | None = None  # at the end of an epoch
+    best: float | None = None  # best figure at the end of an epoch
     figures: dict[str, float] = field(default_factory=dict)  # of the best weights
     kept: dict[str, float] = field(default_factory=dict)  # of the weights in the output
     finished: bool = False
@@ -83,7 +85,7 @@ class Progress:
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> "Progress":
-        """Return what `dataclasses.asdict` made a JSON object of."""
+        """Return the progress that `dataclasses.asdict` made a JSON object of."""
         return cls(**{**content, "history": History(**content.get("history", {}))})
 
 
@@ -93,12 +95,12 @@ def file_of_run(output: Path, kind: str) -> Path:
 
 
 def find_progress(output: Path, stamp: Stamp, request: RunRequest) -> Progress | None:
-    """Return the progress of an earlier run that is finished or to be resumed, None if none is.
+    """Return the progress of an earlier run that is finished or to be resumed, else None.
 
     Raises:
-        ValueRangeError: `output` is to be another kind of file.
-        SymgraspError: there is an earlier run, and neither --resume nor --overwrite says what is
-            to become of it; or it was made with other settings and cannot be resumed.
+        ValueRangeError: `output` has another ending than .safetensors.
+        SymgraspError: there is an earlier run and neither --resume nor --overwrite is given, or
+            the earlier run had other settings and cannot be resumed.
     """
     if output.suffix != ".safetensors":
         raise ValueRangeError("--out", output, "NAME.safetensors")
@@ -112,19 +114,19 @@ def find_progress(output: Path, stamp: Stamp, request: RunRequest) -> Progress |
     wanted, found = stamp.as_json(), read_stamp(checkpoint) or {}
     changed = [key for key in COMPARED if found.get(key) != wanted[key]]
     if changed:
-        told = ["other data" if key == "inputs" else f"another {key}" for key in changed]
+        changes = ["other data" if key == "inputs" else f"another {key}" for key in changed]
         raise SymgraspError(
-            f"{checkpoint} was made with {' and '.join(told)}; "
+            f"{checkpoint} was made with {' and '.join(changes)}; "
             "give the same options and data to resume it, or pass --overwrite to start again"
         )
     progress = Progress.of(load_training(checkpoint).progress)
-    if progress.finished and not output.exists():  # gone; the checkpoint holds them still
+    if progress.finished and not output.exists():  # weights are gone; the checkpoint has them
         progress.finished = False
         return progress
     if not request.resume and not progress.finished:
         raise SymgraspError(
             f"{checkpoint} holds an unfinished training; "
-            "pass --resume to go on with it or --overwrite to start again"
+            "pass --resume to continue it or --overwrite to start again"
         )
     return progress
 
@@ -133,5 +135,5 @@ def describe(progress: Progress) -> str:
     """Return the number of steps and the figures of the kept weights, in one line."""
     figures = ", ".join(f"{name} {value:.4g}" for name, value in progress.kept.items())
     judged = f"best on unseen scenes: {figures}" if figures else "no weights are written yet"
-    state = "finished" if progress.finished else "stopped by its time limit, --resume goes on"
+    state = "finished" if progress.finished else "stopped by its time limit, --resume continues"
     return f"{progress.total_steps} steps in {progress.seconds / 60:.1f} min, {state}; {judged}"

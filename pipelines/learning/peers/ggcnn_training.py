@@ -1,4 +1,4 @@
-"""GG-CNN as the training engine sees it: crops of depth, maps painted from rectangles."""
+"""GG-CNN as a `Trainee`: crops of depth, maps painted from rectangles."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,10 +20,10 @@ from pipelines.network.peers.ggcnn import GGCNN, MAPS
 from pipelines.network.peers.ggcnn_input import normalised, whole_depth
 from pipelines.tabletop.depth_channels import find_plane, shrink
 
-STORED_SIDE = 480  # pixels, most of the shorter side of a frame that is kept
+STORED_SIDE = 480  # pixels, longest shorter side of a stored frame
 DEPTH_UNITS = 10_000.0  # per metre
-MIN_SCORE = 0.7  # of a rectangle: 1.1 - mu, so mu is 0.4 or less
-MIN_ZOOM = 0.5  # share of the shorter side that a crop shows at least
+MIN_SCORE = 0.7  # least score of a rectangle: 1.1 - mu, so mu is 0.4 or less
+MIN_ZOOM = 0.5  # least share of the shorter side that a crop shows
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Crops:
 def ggcnn_frame(
     root: GraspNetRoot, files: FrameFiles, config: PeerNetworkConfig | None = None
 ) -> Arrays:
-    """Return the depth of a frame without holes, and the rectangles of what is seen in it.
+    """Return the depth of a frame without holes, and the rectangles on its visible objects.
 
     `depth` (h, w) uint16 in tenths of a millimetre, the shorter side at most `STORED_SIDE`;
     `rows` (n, 7) float32, pixels of `depth`.
@@ -65,7 +65,7 @@ def random_crop(frame: Arrays, rng: np.random.Generator) -> tuple[Singles, Grasp
 
 
 def middle_crop(frame: Arrays) -> tuple[Singles, GraspMaps]:
-    """Return the central square of a frame, as the network was made for."""
+    """Return the central square of a frame, the input that the network is made for."""
     height, width = frame["depth"].shape
     side = min(height, width)
     return crop(frame, (width - side) // 2, (height - side) // 2, side, 0)
@@ -114,7 +114,7 @@ def map_errors(
 
 
 class GGCNNTraining(PeerTraining):
-    """A `Trainee`: GG-CNN with the frames it learns from and those it is judged on."""
+    """A `Trainee`: GG-CNN with its training frames and its validation frames."""
 
     peer = Peer(
         schedule=PeerSchedule(
@@ -137,6 +137,6 @@ class GGCNNTraining(PeerTraining):
 
     @torch.no_grad()
     def validate(self) -> dict[str, float]:
-        """Return the loss on the middle crops of (at most `max_val_frames` of) the other frames."""
+        """Return the loss on the middle crops of at most `max_val_frames` validation frames."""
         crops = (stacked([middle_crop(frame)]) for frame in self.judged_frames())
         return mean_figures([map_errors(self.module, each, self.device) for each in crops])

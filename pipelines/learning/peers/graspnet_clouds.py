@@ -1,4 +1,4 @@
-"""Clouds of GraspNet's baseline with the labels of their points, as a step of training has them."""
+"""Clouds of GraspNet's baseline with labelled points, as input of a training step."""
 
 from dataclasses import dataclass, fields
 
@@ -14,21 +14,21 @@ from pipelines.learning.peers.graspnet_labels import LEVELS, STORED_PER_METRE, U
 from pipelines.learning.peers.peer import Arrays
 from pipelines.network.peers.graspnet import WIDEST_OPENING, WIDEST_TOLERANCE
 
-MOST_LABELLED = 1024  # labelled points of a frame that a step sees
+MOST_LABELLED = 1024  # labelled points of a frame in a training step
 
 
 @dataclass(frozen=True)
 class LabelledScene:
-    """One frame as a step sees it: n points, p labelled points; camera frame, metres.
+    """One frame in a training step: n points, p labelled points; camera frame, metres.
 
     Attributes:
         points: (n, 3) in random order.
-        on_object: (n,) which show an object.
+        on_object: (n,) whether each point is on an object.
         places: (p, 3) labelled points.
         turns: (p, 300, 3, 3) rotations of hands along each view at angle 0.
-        value: (p, 300, 48) ln(1 / friction) of what holds, 0 of what does not.
-        width: (p, 300, 48) share of `WIDEST_OPENING`.
-        tolerance: (p, 300, 48) share of `WIDEST_TOLERANCE`.
+        value: (p, 300, 48) ln(1 / friction) of candidates that hold, 0 of others.
+        width: (p, 300, 48) width as a share of `WIDEST_OPENING`.
+        tolerance: (p, 300, 48) tolerance as a share of `WIDEST_TOLERANCE`.
     """
 
     points: Tensor
@@ -49,8 +49,8 @@ def labelled_scene(
 ) -> LabelledScene:
     """Return `count` points of a frame and its labels, turned about the table's normal.
 
-    `turn`: radians. Views are those of the turned camera: the array of a labelled point has its
-    object's nearest view at each of the 300.
+    `turn`: radians. Views are those of the turned camera: each of the 300 views of a point has the
+    labels of its object's nearest view.
     """
     R = rotation_about(frame["up"].astype(np.float64), turn)
     cloud = frame["cloud"] / UNITS
@@ -62,7 +62,7 @@ def labelled_scene(
     dense = _dense_cells(frame, labelled)
     turns = R @ frame["turns"].astype(np.float64)
     views, rotations = generate_views().astype(np.float64), view_rotations()[:, 0]
-    # (k, 300): of each object, its view nearest to each of the camera's.
+    # (k, 300): the view of each object that is nearest to each view of the camera.
     nearest = np.einsum("vi,kij,wj->kvw", views, turns, views).argmax(axis=2)
     owner = frame["object"][labelled]
     permuted = [each[np.arange(len(labelled))[:, None], nearest[owner]] for each in dense]
@@ -88,7 +88,7 @@ def _dense_cells(frame: Arrays, labelled: NDArray[np.int64]) -> tuple[Singles, .
     place[labelled] = np.arange(len(labelled))
     kept = place[frame["point"]] >= 0
     where = place[frame["point"][kept]], *np.divmod(frame["cell"][kept], VIEW_CELLS[1])
-    # Friction 1 is worth nothing by its logarithm, but it holds.
+    # Candidates with friction 1 hold, although the logarithm gives them the value 0.
     friction = np.minimum(frame["friction"][kept] / LEVELS, 1.0)
     columns = (
         np.log(1.0 / friction),

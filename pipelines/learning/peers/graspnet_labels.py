@@ -1,4 +1,4 @@
-"""Labels of GraspNet's baseline in a frame: what holds at points that the camera sees."""
+"""Labels of GraspNet's baseline in a frame: candidates that hold at visible points."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -22,16 +22,16 @@ from pipelines.grasping.peers.cloud_box import boxed_points
 from pipelines.grasping.scene import SceneCloud
 from pipelines.learning.peers.peer import Arrays
 
-UNITS = 10_000.0  # of stored points, per metre
-STORED_PER_METRE = 1000.0  # per metre: of stored widths and tolerances
-LEVELS = 100.0  # of stored friction, per unit
-MAX_WIDTH = 0.1  # metres, of what a seed can predict
-NEAR_SURFACE = 0.01  # metres from a labelled point to what is seen
-FEWEST_SEEN = 50  # points of an object
-LEAST_KEPT, KEPT_SHARE = 300, 0.25  # labelled points of an object that a frame keeps at most
+UNITS = 10_000.0  # units per metre of stored points
+STORED_PER_METRE = 1000.0  # units per metre of stored widths and tolerances
+LEVELS = 100.0  # units of stored friction coefficients, per 1
+MAX_WIDTH = 0.1  # metres, the widest that a seed can predict
+NEAR_SURFACE = 0.01  # metres from a labelled point to the nearest visible point
+FEWEST_SEEN = 50  # visible points of an object
+LEAST_KEPT, KEPT_SHARE = 300, 0.25  # a frame keeps this many, or share of, an object's points
 TOLERANCE_STEPS = np.arange(0.005, 0.051, 0.005)  # metres
-HOLDING_SHARE, HOLDING_FRICTION = 0.8, 0.55  # of the points within the tolerance, and how well
-DENSE_POINTS = 400  # labelled points of an object below which its tolerances say nothing
+HOLDING_SHARE, HOLDING_FRICTION = 0.8, 0.55  # least share of points, largest friction
+DENSE_POINTS = 400  # labelled points that an object needs for its tolerances to be measured
 STREAMED_POINTS = 64  # labelled points read at a time
 KEPT_LABELS, KEPT_COLLISIONS = 40, 2
 CELLS = int(np.prod(LABEL_GRID))  # candidates at a point
@@ -75,7 +75,7 @@ def graspnet_frame_arrays(
 
     `cloud` (n, 3) int16 tenths of a millimetre, `on_object` (n,), `up` (3,) of the table;
     `turns` (k, 3, 3) of the objects; `points` (p, 3) metres and `object` (p,) of labelled points;
-    `point`, `cell`, `friction`, `width`, `tolerance` of what holds, as in `HoldingCells`.
+    `point`, `cell`, `friction`, `width`, `tolerance` of candidates, as in `HoldingCells`.
     """
     depth, intrinsics = root.read_depth(files)
     height = root.scene(files.scene_id, files.camera).table_from_camera(files.frame_id)[2]
@@ -107,16 +107,16 @@ def graspnet_frame_arrays(
 
 
 def _joined_parts(parts: Sequence[Arrays]) -> Arrays:
-    """Return the labels of all objects of a frame as one; of none, arrays without rows."""
+    """Return the labels of all objects of a frame in one; without objects, empty arrays."""
     empty: Arrays = {name: np.zeros(0, kind) for name, kind in COLUMNS.items()}
     empty["points"] = np.zeros((0, 3), np.float32)
     return {name: np.concatenate([each[name] for each in [empty, *parts]]) for name in empty}
 
 
 def _seen_part(label: HoldingCells, visible: Array, hindered: Mask, T_cam_obj: Array) -> Arrays:
-    """Return the arrays of the labelled points near `visible` (n, 3), without what is `hindered`.
+    """Return the arrays of labelled points near `visible` (n, 3), without `hindered` candidates.
 
-    `hindered`: (P, 300, 12, 4) of the scene.
+    `hindered`: (P, 300, 12, 4) collisions in the scene.
     """
     points = transform_points(T_cam_obj, label.points)
     near = np.flatnonzero(cKDTree(visible).query(points)[0] < NEAR_SURFACE)
@@ -134,7 +134,7 @@ def _seen_part(label: HoldingCells, visible: Array, hindered: Mask, T_cam_obj: A
 
 @lru_cache(maxsize=KEPT_LABELS)
 def holding_cells(path: Path) -> HoldingCells:
-    """Return the candidates of a grasp label that hold without meeting the object."""
+    """Return the candidates of a grasp label that hold and do not collide with the object."""
     points, columns = zip(*_streamed(path), strict=True)
     point, cell, friction, width = (np.concatenate(each) for each in zip(*columns, strict=True))
     places = np.concatenate(points)
@@ -160,14 +160,14 @@ def _streamed(path: Path) -> Iterator[tuple[Singles, tuple[NDArray[np.number], .
 def tolerances(
     points: Singles, point: NDArray[np.int32], cell: NDArray[np.int32], friction: NDArray[np.uint8]
 ) -> Array:
-    """Return (n,) metres about each candidate's point within which most points hold as well.
+    """Return (n,) the radius in metres about each candidate's point within which most points hold.
 
-    The largest where points are too few to say it.
+    It is the largest radius if the points are too few to measure it.
 
     Args:
         points: (P, 3) metres.
         point: (n,) labelled point of each candidate.
-        cell: (n,) its view, angle and depth.
+        cell: (n,) index of the candidate's view, angle and depth.
         friction: (n,) hundredths.
     """
     if len(points) < DENSE_POINTS:

@@ -1,4 +1,4 @@
-"""GraspNet's baseline as the training engine sees it: clouds, and what holds at labelled points."""
+"""GraspNet's baseline as a `Trainee`: clouds, and candidates that hold at labelled points."""
 
 from collections.abc import Sequence
 
@@ -19,13 +19,13 @@ from pipelines.network.peers.graspnet import (
     Seeds,
 )
 
-OPERATION_WEIGHT = 0.2  # of the losses of operations and tolerances
-LEAST_VALUE = 0.1  # of a label that operations are learned from
+OPERATION_WEIGHT = 0.2  # weight of the losses of operations and tolerances
+LEAST_VALUE = 0.1  # least value of a label that operations are learned from
 MOST_TURN = np.radians(30.0)  # about the table's normal, either way
 
 
 class _Losses(GraspNetBaseline):
-    """The network with its loss as its output: what a step computes of one cloud."""
+    """The network with its loss terms as its output."""
 
     def forward(self, cloud: LabelledScene) -> dict[str, Tensor]:
         """Return the loss terms of one cloud."""
@@ -35,7 +35,7 @@ class _Losses(GraspNetBaseline):
         on_object = cloud.on_object[seeds.index[0]]
         top = seeds.views[0].detach().argmax(dim=1)
         origin, rotation = cloud.places[nearest][None], cloud.turns[nearest, top][None]
-        said = self.operations(points, origin, rotation)
+        predicted = self.operations(points, origin, rotation)
         rows = nearest, top
         value, width, tolerance = (
             each[rows].view(-1, NUM_TURNS, DEPTHS).transpose(1, 2)
@@ -51,13 +51,13 @@ class _Losses(GraspNetBaseline):
             return _mean_where(errors[..., 0], held)
 
         logits = functional.cross_entropy(
-            said.angle[0].flatten(0, 1), best.flatten(), reduction="none"
+            predicted.angle[0].flatten(0, 1), best.flatten(), reduction="none"
         )
         return _view_terms(seeds, cloud, nearest, on_object) | {
-            "score": term(said.score, value),
+            "score": term(predicted.score, value),
             "angle": _mean_where(logits.view(held.shape), held),
-            "width": term(said.width, width),
-            "tolerance": term(said.tolerance, tolerance),
+            "width": term(predicted.width, width),
+            "tolerance": term(predicted.tolerance, tolerance),
         }
 
 
@@ -73,7 +73,7 @@ def _view_terms(
 
 
 def _mean_where(values: Tensor, chosen: Tensor) -> Tensor:
-    """Return the mean of the chosen of `values`; 0 where none is."""
+    """Return the mean of the `chosen` among `values`; 0 if none is chosen."""
     return (values * chosen).sum() / chosen.sum().clamp(min=1)
 
 
@@ -83,7 +83,7 @@ def mean_terms(
     device: torch.device,
     generator: torch.Generator | None = None,
 ) -> dict[str, Tensor]:
-    """Return the mean loss terms of clouds, and their weighed sum as `total`."""
+    """Return the mean loss terms of clouds, and their weighted sum as `total`."""
     each = [module(cloud.to(device)) for cloud in clouds]
     terms = {name: torch.stack([found[name] for found in each]).mean() for name in each[0]}
     operation = terms["score"] + terms["angle"] + terms["width"] + terms["tolerance"]
@@ -92,7 +92,7 @@ def mean_terms(
 
 
 class GraspNetTraining(PeerTraining):
-    """A `Trainee`: GraspNet's baseline with the frames it learns from and those it is judged on."""
+    """A `Trainee`: GraspNet's baseline with its training frames and its validation frames."""
 
     peer = Peer(
         schedule=PeerSchedule(
@@ -117,7 +117,7 @@ class GraspNetTraining(PeerTraining):
 
     @torch.no_grad()
     def validate(self) -> dict[str, float]:
-        """Return the loss terms on the other frames, as they are."""
+        """Return the loss terms on the validation frames, unturned."""
         count = GRASPNET_SIZES[self.config.network.variant].input
         clouds = (
             labelled_scene(frame, count, np.random.default_rng(0), 0.0)

@@ -1,4 +1,4 @@
-"""Multi-Grasp as the training engine sees it: turned RGD images, boxes with orientations."""
+"""Multi-Grasp as a `Trainee`: turned RGD images, boxes with orientations."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -29,15 +29,15 @@ from pipelines.network.peers.multi_grasp import LONG_SIDES, SHORT_SIDES, build_m
 from pipelines.network.peers.rgd import rgd_pixels, rgd_tensor
 from pipelines.tabletop.depth_channels import shrink
 
-MIN_SCORE = 0.8  # of a rectangle: 1.1 - mu, so mu is 0.2 at most, but for rounding
+MIN_SCORE = 0.8  # least score of a rectangle: 1.1 - mu; mu is 0.2 at most, but for rounding
 MOST_ROWS = 60  # rectangles of an object in a frame
-SHIFT = 0.1  # share of the shorter side by which an image is moved at most
-FIRST = 10  # grasps of a frame, the best, whose hits are counted
+SHIFT = 0.1  # share of the shorter side, longest shift of an image
+FIRST = 10  # best grasps of a frame that are counted as hits or misses
 
 
 @dataclass(frozen=True)
 class GraspImage:
-    """An RGD image as the network takes it, and its grasps: `boxes` (n, 4), `labels` (n,)."""
+    """An RGD image as input of the network, and its grasps: `boxes` (n, 4), `labels` (n,)."""
 
     image: Tensor
     boxes: Tensor
@@ -77,7 +77,7 @@ def moved_at_random(frame: Arrays, rng: np.random.Generator) -> tuple[NDArray[np
 def moved_image(frame: Arrays, degrees: float, shift: Array) -> tuple[NDArray[np.uint8], Array]:
     """Return the pixels and rectangles of a frame, turned counter-clockwise, moved by `shift` (2,).
 
-    Depth takes the nearest pixel: a mean across an edge would lie between the surfaces.
+    Depth is from the nearest pixel: a mean across an edge would be between the surfaces.
     """
     pixels, rows = frame["pixels"], frame["rows"].astype(np.float64)
     height, width = pixels.shape[:2]
@@ -92,7 +92,7 @@ def moved_image(frame: Arrays, degrees: float, shift: Array) -> tuple[NDArray[np
 
 
 def grasp_image(pixels: NDArray[np.uint8], rows: Array) -> GraspImage:
-    """Return an image with its labels: rectangles whose box lies within it."""
+    """Return an image with its labels: rectangles that have their box inside the image."""
     boxes, classes = horizontal_boxes(rows), orientation_classes(rows)
     size = np.array([pixels.shape[1], pixels.shape[0]])
     inside = (boxes[:, :2] >= 0).all(axis=1) & (boxes[:, 2:] <= size).all(axis=1)
@@ -122,7 +122,7 @@ def grasp_losses(
 
 
 class MultiGraspTraining(PeerTraining):
-    """A `Trainee`: Multi-Grasp with the frames it learns from and those it is judged on."""
+    """A `Trainee`: Multi-Grasp with its training frames and its validation frames."""
 
     best_by = "hits"
     higher_is_better = True
@@ -148,7 +148,7 @@ class MultiGraspTraining(PeerTraining):
 
     @torch.no_grad()
     def validate(self) -> dict[str, float]:
-        """Return the share of each frame's best grasps that are hits, and of frames with any."""
+        """Return the share of hits among each frame's best grasps, and among first grasps."""
         hits, first = [], []
         for frame in self.judged_frames():
             (found,) = self.module([rgd_tensor(frame["pixels"]).to(self.device)])

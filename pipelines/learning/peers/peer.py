@@ -1,4 +1,4 @@
-"""A compared method as `train-baseline` trains it, and the frames that it learns from."""
+"""Training of a compared method by `train-baseline`, and the method's training frames."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -30,7 +30,7 @@ from pipelines.storage.h5_files import new_h5, open_h5
 from pipelines.storage.provenance import Stamp
 
 FORMAT_VERSION = 1
-KEPT = 2048  # frames kept in memory once they are read
+KEPT = 2048  # frames kept in memory after reading
 
 Arrays = dict[str, NDArray[Any]]
 Drawn = Sequence[tuple[Any, np.random.Generator]]  # items with their generators
@@ -39,7 +39,7 @@ Drawn = Sequence[tuple[Any, np.random.Generator]]  # items with their generators
 def refuse_lacking(root: GraspNetRoot, frames: Sequence[FrameFiles], needs: Sequence[str]) -> None:
     """Raise MissingInputError if the root has none of the labels that a method `needs`.
 
-    Names: `rect` and `collision_label`, which come with each other; `grasp_label`; `symmetry`.
+    Names: `rect` and `collision_label`, which come together; `grasp_label`; `symmetry`.
     """
     made_by = "symgrasp synthesize OUT --collision-labels"
     for need in needs:
@@ -89,24 +89,24 @@ def read_peer_frame(path: Path, row: int) -> Arrays:
 
 
 def labelled(keys: FileRows, name: str) -> FileRows:
-    """Return the frames whose array `name` of labels is not empty.
+    """Return the frames with a non-empty array `name` of labels.
 
     Raises:
-        ValueRangeError: all are.
+        ValueRangeError: all frames lack labels.
     """
     kept = [key for key in keys if len(read_peer_frame(*key)[name])]
     if not kept:
         expected = "at least 1; a root with more grasp points (--grasp-points 400) has some"
-        raise ValueRangeError("number of frames with a labelled grasp that is seen", 0, expected)
+        raise ValueRangeError("number of frames with a visible labelled grasp", 0, expected)
     return kept
 
 
 def drawn_batches(
     count: int, config: TrainBaselineConfig, number: int, rng: np.random.Generator
 ) -> list[NDArray[np.int64]]:
-    """Return the batches of epoch `number`: `epoch_steps` of them, or those left of `steps`.
+    """Return the batches of epoch `number`: `epoch_steps` batches, or the rest of `steps`.
 
-    All `count` items come up before one comes again.
+    All `count` items are used before an item is repeated.
     """
     steps = min(config.epoch_steps, config.steps - number * config.epoch_steps)
     batches: list[NDArray[np.int64]] = []
@@ -120,16 +120,16 @@ class Peer:
     """A compared method.
 
     Attributes:
-        schedule: of its training.
-        needs: files of a root that its labels are made of, as `refuse_lacking` has them.
+        schedule: schedule of the training.
+        needs: files of a root that the labels are made of, named as in `refuse_lacking`.
         build: makes the network; layers draw from torch's own generator.
-        prepare: makes a frame's arrays, once; everything random is left to the training.
-        item: dataclass of tensors, of which a micro-batch is one or a list.
-        terms: computes the loss terms of a micro-batch, their weighed sum as `total`.
+        prepare: makes a frame's arrays, once; training adds everything random.
+        item: dataclass of tensors; a micro-batch is one of these or a list of them.
+        terms: computes the loss terms of a micro-batch, their weighted sum as `total`.
         cpu_micro_batch: items that a CPU works on together.
-        labels: the array of labels that one frame at least must have; None for no such check.
-        learns_without: whether frames without labels are learned from as well.
-        layout: order of the network's numbers in memory.
+        labels: the array of labels that at least one frame must have; None for no check.
+        learns_without: whether the method also learns from frames without labels.
+        layout: memory format of the network's tensors.
     """
 
     schedule: PeerSchedule
@@ -145,7 +145,7 @@ class Peer:
 
 
 class PeerTraining(ABC):
-    """A `Trainee`: the network of a compared method with the frames that it learns from."""
+    """A `Trainee`: the network of a compared method with its training frames."""
 
     peer: ClassVar[Peer]
     best_by = "loss"
@@ -168,10 +168,10 @@ class PeerTraining(ABC):
         self.micro_batch_size = micro_batch_size(config, on_cpu, processes)
 
     def choose_items(self) -> None:
-        """Leave out frames without labels, where the method learns nothing of them.
+        """Leave out frames without labels, if the method cannot learn from them.
 
         Raises:
-            ValueRangeError: none has labels.
+            ValueRangeError: no frame has labels.
         """
         name = self.peer.labels
         if name is not None:
@@ -185,7 +185,7 @@ class PeerTraining(ABC):
 
     @abstractmethod
     def validate(self) -> dict[str, float]:
-        """Return validation figures by name, of the module's present weights."""
+        """Return validation figures, by name, of the module with its present weights."""
 
     @classmethod
     def replay(cls, fault: Fault) -> dict[str, float]:
@@ -201,11 +201,11 @@ class PeerTraining(ABC):
     def loss(
         self, module: nn.Module, micro_batch: MicroBatch, generator: torch.Generator
     ) -> Mapping[str, Tensor]:
-        """Return the loss terms by name, and their weighed sum as `total`."""
+        """Return the loss terms by name, and their weighted sum as `total`."""
         return self.peer.terms(module, micro_batch, self.device, generator)
 
     def tensors(self, micro_batch: MicroBatch) -> dict[str, Tensor]:
-        """Return a micro-batch as named tensors; of a list of items, NUMBER.NAME."""
+        """Return a micro-batch as named tensors; names are NUMBER.NAME for a list of items."""
         if isinstance(micro_batch, list):
             return numbered([vars(each) for each in micro_batch])
         return dict(vars(micro_batch))
@@ -221,12 +221,12 @@ class PeerTraining(ABC):
         pairs = zip(items.tolist(), generators, strict=True)
         return self.examples([(self.source(number), rng) for number, rng in pairs])
 
-    def source(self, number: int) -> Any:  # noqa: ANN401 - what the method learns from
-        """Return the arrays of the frame `number` of those to train on."""
+    def source(self, number: int) -> Any:  # noqa: ANN401 - the method's item
+        """Return the arrays of the training frame `number`."""
         return read_peer_frame(*self.frames.train[number])
 
     def judged_frames(self) -> list[Arrays]:
-        """Return at most `max_val_frames` of the frames to validate on, evenly spread."""
+        """Return at most `max_val_frames` validation frames, evenly spread."""
         return [
             read_peer_frame(*key) for key in spread(self.frames.val, self.config.max_val_frames)
         ]

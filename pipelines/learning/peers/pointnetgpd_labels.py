@@ -21,11 +21,11 @@ from pipelines.grasping.peers.darboux import darboux_frames, outward_normals, ov
 from pipelines.grasping.peers.hands import MIN_CLOSED_ON, OPENING, Hands, free_hands, thinned
 from pipelines.grasping.scene import MAX_RANGE, SceneCloud
 
-BAD, FAIR, GOOD, HINDERED = 0, 1, 2, 3  # classes; the last is of no use
-MAX_GOOD, MAX_FAIR = 0.2, 0.6  # friction coefficient up to which a hand of the class holds
-ROUNDING = 1e-4  # of a label's friction
-NEAREST_VIEWS = 3  # to the normal at a point; one would do where labelled points are dense
-MIN_VISIBLE = 50  # points of an object
+BAD, FAIR, GOOD, HINDERED = 0, 1, 2, 3  # classes; hindered hands are not used
+MAX_GOOD, MAX_FAIR = 0.2, 0.6  # largest friction coefficient of the class
+ROUNDING = 1e-4  # rounding error of a label's friction
+NEAREST_VIEWS = 3  # views nearest to the normal at a point; 1 suffices for dense labels
+MIN_VISIBLE = 50  # visible points of an object
 ON_SURFACE = 0.01  # metres from a labelled point to the visible surface
 MOST_OF_A_CLASS = 40  # hands of an object and frame that are kept
 POINTS_A_PIECE = 64  # labelled points read at a time
@@ -51,7 +51,7 @@ class _ObjectLabel:
 
 
 def labelled_hands(root: GraspNetRoot, files: FrameFiles) -> LabelledHands:
-    """Return some labelled hands of each object that is seen in a frame, chosen evenly."""
+    """Return some labelled hands of each visible object of a frame, chosen evenly."""
     depth, intrinsics = root.read_depth(files)
     scene = root.scene(files.scene_id, files.camera)
     height = scene.table_from_camera(files.frame_id)[2]
@@ -83,8 +83,8 @@ def _hands_at(
 ) -> tuple[Hands, NDArray[np.uint8]]:
     """Return the hands at the labelled points near `visible` (n, 3), and their classes.
 
-    At each point they are of the views nearest to the normal, and of each of the angle nearest to
-    the surface's Darboux frame, at all depths.
+    A point has hands of the views nearest to its normal, at the angle nearest to the surface's
+    Darboux frame, at all depths.
     """
     points = transform_points(T_cam_obj, label.points)
     if len(visible) < MIN_VISIBLE / 10:
@@ -123,10 +123,10 @@ def _some_of_each(
 
 @lru_cache(maxsize=KEPT_OBJECTS)
 def _object_label(path: Path) -> _ObjectLabel:
-    """Return the classes of an object's hands, as its grasp label has them.
+    """Return the classes of an object's hands from its grasp label.
 
-    One that needs a wider opening than the method's holds nothing. One that holds, but meets the
-    object, is of no use; of others the label need not say whether they do.
+    A hand that needs a wider opening than `OPENING` is bad. A hand that holds, but collides with
+    the object, is hindered; for bad hands the label need not state collisions.
     """
     points, kinds = zip(*_pieces(path), strict=True)
     return _ObjectLabel(np.concatenate(points), np.concatenate(kinds))

@@ -1,4 +1,4 @@
-"""PointNetGPD as the training engine sees it: the points that labelled hands close on."""
+"""PointNetGPD as a `Trainee`: the points that labelled hands close on."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,9 +16,9 @@ from pipelines.learning.peers.peer import Arrays, Drawn, Peer, PeerTraining
 from pipelines.learning.peers.pointnetgpd_labels import GOOD, labelled_hands
 from pipelines.network.peers.pointnetgpd import HAND_POINTS, PointNetGPD
 
-HANDS_A_FRAME = 16  # drawn for a step, half of them good
-HALF_TURN = np.array([1.0, -1.0, -1.0], np.float32)  # about the approach: the same hand
-UNITS = 10_000.0  # of stored points, per metre
+HANDS_A_FRAME = 16  # hands drawn for a step, half of them good
+HALF_TURN = np.array([1.0, -1.0, -1.0], np.float32)  # about the approach axis: the same hand
+UNITS = 10_000.0  # units per metre of stored points
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def pointnetgpd_frame(
 
 
 def drawn_crops(frame: Arrays, num_points: int, rng: np.random.Generator) -> HandCrops:
-    """Return the crops of `HANDS_A_FRAME` hands of a frame, half of them good if there are any."""
+    """Return the crops of `HANDS_A_FRAME` hands of a frame, half of them good if possible."""
     kind = frame["kind"]
     hands = Hands.equally_open(frame["rotation"], frame["origin"], frame["depth"])
     objects = frame["objects"] / UNITS
@@ -58,7 +58,7 @@ def drawn_crops(frame: Arrays, num_points: int, rng: np.random.Generator) -> Han
 
 
 def _balanced(is_good: Mask, rng: np.random.Generator) -> Indices:
-    """Return the numbers of `HANDS_A_FRAME` hands, half of them good; some twice if need be."""
+    """Return the numbers of `HANDS_A_FRAME` hands, half of them good; some twice if few."""
     good, other = np.flatnonzero(is_good), np.flatnonzero(~is_good)
     halves = [each for each in (good, other) if len(each)]
     size = HANDS_A_FRAME // len(halves)
@@ -89,7 +89,7 @@ def class_loss(module: nn.Module, crops: HandCrops, device: torch.device) -> tup
 
 
 class PointNetGPDTraining(PeerTraining):
-    """A `Trainee`: PointNetGPD with the frames it learns from and those it is judged on."""
+    """A `Trainee`: PointNetGPD with its training frames and its validation frames."""
 
     peer = Peer(
         schedule=PeerSchedule(
@@ -106,7 +106,7 @@ class PointNetGPDTraining(PeerTraining):
 
     @property
     def num_points(self) -> int:
-        """Points of a hand that the network takes."""
+        """Number of points of a hand that the network takes."""
         return HAND_POINTS[self.config.network.variant]
 
     def examples(self, drawn: Drawn) -> HandCrops:
@@ -115,7 +115,7 @@ class PointNetGPDTraining(PeerTraining):
 
     @torch.no_grad()
     def validate(self) -> dict[str, float]:
-        """Return loss, accuracy, and precision and recall of good hands on the other frames."""
+        """Return loss, accuracy, and precision and recall of good hands on validation frames."""
         losses, found, true = [], [], []
         for number, frame in enumerate(self.judged_frames()):
             crops = drawn_crops(frame, self.num_points, np.random.default_rng(number))
@@ -123,11 +123,11 @@ class PointNetGPDTraining(PeerTraining):
             losses.append(float(loss))
             found.append(scores.argmax(dim=1).cpu().numpy())
             true.append(crops.kind.numpy())
-        said, real = np.concatenate(found), np.concatenate(true)
-        hits = float(((said == GOOD) & (real == GOOD)).sum())
+        predicted, real = np.concatenate(found), np.concatenate(true)
+        hits = float(((predicted == GOOD) & (real == GOOD)).sum())
         return {
             "loss": float(np.mean(losses)),
-            "accuracy": float((said == real).mean()),
-            "good_precision": hits / max(int((said == GOOD).sum()), 1),
+            "accuracy": float((predicted == real).mean()),
+            "good_precision": hits / max(int((predicted == GOOD).sum()), 1),
             "good_recall": hits / max(int((real == GOOD).sum()), 1),
         }

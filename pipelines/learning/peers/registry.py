@@ -21,7 +21,7 @@ def trained_peer(name: str) -> type[PeerTraining]:
     """Return the compared method called `name`.
 
     Raises:
-        UnknownNameError: there is none that is trained.
+        UnknownNameError: no trained method has this name.
     """
     if name not in TRAINED_PEERS:
         raise UnknownNameError("compared method", name, TRAINED_PEERS)

@@ -1,4 +1,4 @@
-"""Regions of a frame as SymmetryNet learns from them: crops of colour, points, true symmetries."""
+"""Training regions of SymmetryNet: crops of colour, points, true symmetries."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -24,12 +24,12 @@ from pipelines.learning.peers.peer import KEPT, Arrays, read_peer_frame
 from pipelines.network.peers.symmetrynet_input import CROP_SIDE, RegionCrop, region_crop
 from pipelines.tabletop.mask_noise import MaskNoise
 
-STORED_POINTS = 1200  # of a region
-UNITS = 10_000.0  # of stored points, per metre
+STORED_POINTS = 1200  # points of a region
+UNITS = 10_000.0  # units per metre of stored points
 JPEG_QUALITY = 95
-JITTER = (0.2, 0.2, 0.2, 0.05)  # of brightness, contrast, saturation; of the turn of the hue
+JITTER = (0.2, 0.2, 0.2, 0.05)  # largest change of brightness, contrast, saturation, hue angle
 NUM_PASTED = 2  # instances that are pasted in front
-LEAST_LEFT = 0.5  # share of the points that a pasted instance leaves
+LEAST_LEFT = 0.5  # share of the points that a pasted instance must leave
 LUMA = np.array([0.299, 0.587, 0.114])
 YIQ = np.array([LUMA, [0.596, -0.274, -0.322], [0.211, -0.523, 0.312]])
 
@@ -39,7 +39,7 @@ class SeenRegion:
     """A region in one frame: its crop, its points (n, 3) in metres, its true symmetries.
 
     Attributes:
-        existence: (5,) 0 or 1 of each slot.
+        existence: (5,) 0 or 1 for each slot.
         place: (5, 3) metres, camera frame; 0 where the slot is empty.
         direction: (5, 3) unit; 0 where the slot is empty, and for the sphere.
     """
@@ -63,11 +63,11 @@ class SeenRegion:
 
 @dataclass(frozen=True)
 class RegionCrops:
-    """B regions as a step sees them, N points each; `place` and `direction` as in `SeenRegion`.
+    """B regions of a training step, N points each; `place` and `direction` as in `SeenRegion`.
 
     Attributes:
         image: (B, S, S, 3) uint8.
-        jitter: (B, 3, 4) of the colours, as `normalised_colors` takes it.
+        jitter: (B, 3, 4) change of the colours, for `normalised_colors`.
         pixels: (B, N, 2) uint8 columns and rows.
         points: (B, N, 3) metres, camera frame.
     """
@@ -90,7 +90,7 @@ def symmetrynet_frame(
 ) -> Arrays:
     """Return the regions of a frame, with the sizes and disturbed masks of `pack`.
 
-    Of r regions: `jpeg` bytes of all crops and `jpeg_end` (r,); `mask` (r, S, S/8) bits; `pixels`
+    For r regions: `jpeg` bytes of all crops and `jpeg_end` (r,); `mask` (r, S, S/8) bits; `pixels`
     and `points` of all regions, `points_end` (r,); `existence`, `place`, `direction`.
     """
     config = PackConfig()
@@ -167,7 +167,7 @@ def read_regions(path: Path, row: int) -> list[SeenRegion]:
 def drawn_region(
     region: SeenRegion, foreign: Sequence[SeenRegion], count: int, rng: np.random.Generator
 ) -> tuple[NDArray[Any], ...]:
-    """Return a region as a step sees it, in the order of `RegionCrops`.
+    """Return a region for a training step, in the order of `RegionCrops`.
 
     Colours are jittered, half of the regions are mirrored, and instances `foreign` are pasted in
     front where enough points remain.
@@ -182,7 +182,7 @@ def drawn_region(
 
 
 def plain_region(region: SeenRegion, count: int) -> tuple[NDArray[Any], ...]:
-    """Return a region as it is, in the order of `RegionCrops`."""
+    """Return a region unchanged, in the order of `RegionCrops`."""
     points, pixels = _some(region, count, np.random.default_rng(0))
     unchanged = np.eye(3, 4, dtype=np.float32)
     truth = region.existence, region.place, region.direction
@@ -198,7 +198,7 @@ def stacked_regions(regions: Sequence[tuple[NDArray[Any], ...]]) -> RegionCrops:
 def covered(region: SeenRegion, other: SeenRegion, rng: np.random.Generator) -> SeenRegion:
     """Return `region` with the instance `other` pasted in front at a random place of its crop.
 
-    As it is where the instance would leave fewer than `LEAST_LEFT` of the points.
+    It stays unchanged if the instance would leave less than `LEAST_LEFT` of the points.
     """
     x, y = rng.integers(-CROP_SIDE + 1, CROP_SIDE, 2).tolist()
     to_rows, from_rows = _overlap(y)
@@ -217,7 +217,7 @@ def covered(region: SeenRegion, other: SeenRegion, rng: np.random.Generator) -> 
 
 
 def _overlap(shift: int) -> tuple[slice, slice]:
-    """Return where a moved crop lands, and the part of it that lands there."""
+    """Return the slices of a fixed crop and of a moved crop that overlap."""
     low, high = max(shift, 0), min(CROP_SIDE + shift, CROP_SIDE)
     return slice(low, high), slice(low - shift, high - shift)
 

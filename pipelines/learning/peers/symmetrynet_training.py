@@ -1,4 +1,4 @@
-"""SymmetryNet as the training engine sees it: regions, and what each of their points should say."""
+"""SymmetryNet as a `Trainee`: regions, and the targets of each of their points."""
 
 from collections.abc import Iterator, Sequence
 
@@ -34,14 +34,14 @@ from pipelines.network.peers.symmetrynet import (
 )
 from pipelines.network.peers.symmetrynet_input import normalised_colors
 
-ROUNDING = 0.01  # metres, added to the length that an error is a share of
+ROUNDING = 0.01  # metres, added to the length that an error is divided by
 EXISTENCE_WEIGHT, CONSISTENCY_WEIGHT = 2.0, 0.5
-NONE = 1e-6  # lengths and probabilities below it are as good as 0
-JUDGED_TOGETHER = 16  # regions
+NONE = 1e-6  # lengths and probabilities below this value count as 0
+JUDGED_TOGETHER = 16  # regions of a batch of validation
 
 
 def _numbered(keys: FileRows) -> list[tuple[int, int]]:
-    """Return the frame and the row in it of each region."""
+    """Return the frame of each region and the region's row in the frame."""
     return [(i, row) for i, key in enumerate(keys) for row in range(len(read_regions(*key)))]
 
 
@@ -51,7 +51,7 @@ def symmetry_terms(
     device: torch.device,
     generator: torch.Generator | None = None,
 ) -> dict[str, Tensor]:
-    """Return the mean loss terms of regions, and their weighed sum as `total`."""
+    """Return the mean loss terms of regions, and their weighted sum as `total`."""
     seen = seen.to(device)
     found: SymmetryOutput = module(
         normalised_colors(seen.image, seen.jitter), seen.pixels, seen.points
@@ -81,14 +81,14 @@ def symmetry_terms(
 
 
 def _plane_terms(found: SymmetryOutput, seen: RegionCrops) -> tuple[dict[str, Tensor], Tensor]:
-    """Return the terms of the planes, and which predicted planes (B, 3) are assigned to a true."""
+    """Return the terms of the planes, and whether each predicted plane (B, 3) has a true plane."""
     exists, normal = seen.existence[:, :NUM_REFLECTIONS] > 0, seen.direction[:, :NUM_REFLECTIONS]
     across = (
         (seen.points[:, :, None] - seen.place[:, None, :NUM_REFLECTIONS]) * normal[:, None]
     ).sum(-1)
     with torch.no_grad():
-        said = functional.normalize(found.mirrored, dim=-1, eps=NONE)
-        cosine = torch.einsum("bnsc,bpc->bnsp", said, normal).abs()
+        predicted = functional.normalize(found.mirrored, dim=-1, eps=NONE)
+        cosine = torch.einsum("bnsc,bpc->bnsp", predicted, normal).abs()
         cost = cosine.clamp(max=1.0).acos().mean(dim=1)  # (B, slot, plane)
         order = assign(torch.where(exists[:, None], cost, 0.0))
     assigned = exists.gather(1, order)
@@ -107,7 +107,7 @@ def _plane_terms(found: SymmetryOutput, seen: RegionCrops) -> tuple[dict[str, Te
 def true_modes(exists: Tensor) -> Tensor:
     """Return the number (B,) in `SYMMETRY_MODES` of regions with the slots `exists` (B, 5).
 
-    Without a plane, an axis or a sphere it is that of a plane, of which none exists.
+    Without a plane, an axis or a sphere it is the number of `plane`.
     """
     plane, axis = exists[:, :NUM_REFLECTIONS].any(dim=1), exists[:, ROTATION_SLOT]
     mode = torch.where(
@@ -122,7 +122,7 @@ def _length(vectors: Tensor) -> Tensor:
 
 
 class SymmetryNetTraining(PeerTraining):
-    """A `Trainee`: SymmetryNet with the regions it learns from and those it is judged on."""
+    """A `Trainee`: SymmetryNet with its training regions and its validation regions."""
 
     peer = Peer(
         schedule=PeerSchedule(
@@ -140,7 +140,7 @@ class SymmetryNetTraining(PeerTraining):
         """Number the regions of the frames.
 
         Raises:
-            ValueRangeError: no region is seen well enough.
+            ValueRangeError: no region has enough visible points.
         """
         self.num_points = SYMMETRYNET_SIZES[self.config.network.variant].num_points
         self.regions = _numbered(self.frames.train)
@@ -163,13 +163,13 @@ class SymmetryNetTraining(PeerTraining):
         return drawn_region(region, [self.source(each) for each in others], self.num_points, rng)
 
     def source(self, number: int) -> SeenRegion:
-        """Return the region `number` of those to train on."""
+        """Return the training region `number`."""
         frame, row = self.regions[number]
         return read_regions(*self.frames.train[frame])[row]
 
     @torch.no_grad()
     def validate(self) -> dict[str, float]:
-        """Return the loss terms on the regions of the other frames, as they are."""
+        """Return the loss terms on the regions of the validation frames, unchanged."""
         judged = self._judged()
         return mean_figures([symmetry_terms(self.module, each, self.device) for each in judged])
 

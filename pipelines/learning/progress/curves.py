@@ -1,4 +1,4 @@
-"""A picture of a training's curves, `NAME.curves.png`: one small chart a loss term or figure."""
+"""A picture of a training's curves, `NAME.curves.png`: a small chart per loss term or figure."""
 
 import math
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from pipelines.learning.loop.runs import History
 from pipelines.storage.images import write_image
 
 WIDTH, HEIGHT = 380, 250  # pixels of a chart
-LEFT, RIGHT, TOP, BOTTOM = 62, 14, 30, 30  # pixels around its plot
+LEFT, RIGHT, TOP, BOTTOM = 62, 14, 30, 30  # pixels around the plot of a chart
 COLUMNS = 3
 TRAIN, VAL = (44, 99, 172), (200, 80, 30)  # RGB
 INK, GRID, PAPER = (60, 64, 70), (226, 229, 233), (255, 255, 255)
@@ -25,7 +25,7 @@ Canvas = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Chart:
-    """What one chart shows: points (steps, value) while training, and of validations."""
+    """Content of one chart: points (step, value) of the training and of validations."""
 
     title: str
     train: Points
@@ -33,7 +33,7 @@ class Chart:
 
 
 def write_curves(path: Path, history: History, best_by: str) -> None:
-    """Write the curves of `history`, the figure that decides first; nothing if it is empty."""
+    """Write the curves of `history`, the figure `best_by` first; no file if it is empty."""
     charts = charts_of(history, best_by)
     if not charts:
         return
@@ -47,7 +47,7 @@ def write_curves(path: Path, history: History, best_by: str) -> None:
 
 
 def charts_of(history: History, best_by: str) -> list[Chart]:
-    """Return the charts: the loss of training and validation in one, then each by itself."""
+    """Return the charts: the loss of training and validation in one chart, then one per curve."""
     charts = [Chart("loss", history.curve("total"), history.val.get("loss", []))]
     charts += [Chart(name, [], points) for name, points in history.val.items() if name != "loss"]
     charts += [Chart(name, history.curve(name), []) for name in history.train if name != "total"]
@@ -81,8 +81,8 @@ def draw_chart(chart: Chart, last: float) -> Canvas:
             if points is chart.val:
                 for place in places:
                     cv2.circle(canvas, place, 2, color, cv2.FILLED, cv2.LINE_AA)
-            beside = WIDTH - RIGHT - (78 if name == "train" else 30)
-            _text(canvas, name, beside, 18, 0.4, color)
+            left = WIDTH - RIGHT - (78 if name == "train" else 30)
+            _text(canvas, name, left, 18, 0.4, color)
     return canvas
 
 
@@ -96,7 +96,7 @@ def ticks(low: float, high: float) -> list[float]:
 
 
 def _margins(low: float, high: float) -> tuple[float, float]:
-    """Return limits a little beyond, and never equal."""
+    """Return limits slightly beyond `low` and `high`, which are never equal."""
     margin = 0.05 * (high - low) or 0.05 * max(abs(high), 1e-6)
     return low - margin, high + margin
 

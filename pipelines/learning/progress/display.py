@@ -14,9 +14,9 @@ log = logging.getLogger(__name__)
 
 
 class Display:
-    """Says on stderr how far a training is; silent where `shown` is False.
+    """Shows the progress of a training on stderr, unless `shown` is False.
 
-    A bar where `bar` is True; otherwise a line at least every `seconds`.
+    A bar if `bar` is True; otherwise a line at most every `seconds`.
     """
 
     def __init__(self, *, shown: bool, bar: bool, seconds: float) -> None:
@@ -44,7 +44,7 @@ class Display:
     def step(
         self, epoch: str, done: int, total: int, losses: Mapping[str, float], left: float
     ) -> None:
-        """Show that `done` of `total` steps of an epoch are done; `left` seconds of the run."""
+        """Show that `done` of `total` steps of an epoch are done; `left` seconds remain."""
         if not self.shown:
             return
         if self._bar is not None:
@@ -64,7 +64,7 @@ class Display:
             log.info("epoch %s, step %d/%d, %s, %s left", epoch, done, total, terms, duration(left))
 
     def say(self, text: str) -> None:
-        """Show a line that stays."""
+        """Show a line that remains on the terminal."""
         if self._bar is not None:
             self._bar.console.print(text, highlight=False, markup=False)
         elif self.shown:

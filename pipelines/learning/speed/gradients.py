@@ -1,12 +1,12 @@
-"""Gradients of a batch from its micro-batches, several worked on at a time.
+"""Gradients of a batch from its micro-batches, computed several at a time.
 
 On a CPU two threads with a micro-batch each are faster than one operation spread over two cores:
 most operations here are small. Each micro-batch runs on its own copy of the module, which shares
 the parameters and owns its buffers (the running statistics of batch norm); gradients and buffers
-are put together in the order of the micro-batches, so the number of threads changes no result.
+are joined in the order of the micro-batches, so the number of threads changes no result.
 
-Batch norm takes its statistics of each micro-batch by itself; its running statistics move as the
-mean of the micro-batches moves them.
+Batch norm uses the statistics of each single micro-batch; its running statistics become the mean
+of the running statistics after each micro-batch.
 """
 
 import copy
@@ -30,7 +30,7 @@ Loaded = tuple[Piece, MicroBatch]
 
 @contextmanager
 def intra_op_threads(count: int) -> Iterator[None]:
-    """Let one operation use `count` cores at most for as long as the context lasts."""
+    """Let one operation use `count` cores at most inside the context."""
     before = torch.get_num_threads()
     torch.set_num_threads(count)
     try:
@@ -40,16 +40,16 @@ def intra_op_threads(count: int) -> Iterator[None]:
 
 
 def loss_seed(seed: int, epoch: int, step: int, number: int) -> int:
-    """Return what seeds the draws of the loss of one micro-batch."""
+    """Return the seed of the random draws in the loss of one micro-batch."""
     return int(generator(seed, epoch, step, number, 1).integers(2**62))
 
 
 class StepAbandoned(Exception):  # noqa: N818 - nothing went wrong
-    """A step that was not finished, on request; it has changed nothing."""
+    """A step that was abandoned on request and has changed nothing."""
 
 
 class GradientWorkers:
-    """A pool of threads that compute gradients; with one thread, none is started."""
+    """A pool of threads that compute gradients; for one thread no pool is started."""
 
     def __init__(
         self,
@@ -81,8 +81,8 @@ class GradientWorkers:
     ) -> tuple[Losses, Gradients]:
         """Return loss terms and gradients, both summed over micro-batches by their shares.
 
-        Of all processes together. `place` (seed, epoch, step) decides what each micro-batch's loss
-        draws at random.
+        The sums are over all processes. `place` (seed, epoch, step) seeds the random draws of each
+        micro-batch's loss.
 
         Raises:
             StepAbandoned: the training is to stop, and not all micro-batches are done.
@@ -108,7 +108,7 @@ class GradientWorkers:
         return dict(zip(losses, terms.tolist(), strict=True)), total
 
     def find_fault(self, loaded: Sequence[Loaded], place: tuple[int, ...]) -> Loaded | None:
-        """Return the first micro-batch whose loss or gradient is not finite, None if none is."""
+        """Return the first micro-batch without finite loss and gradient; None if all are finite."""
         for each in loaded:
             (module,) = self._fresh_copies(1)
             losses, gradients = self._work(module, each, place)
@@ -150,7 +150,7 @@ class GradientWorkers:
     def _mean_buffers(
         self, copies: Sequence[nn.Module], shares: Sequence[float]
     ) -> list[tuple[Tensor, Tensor]]:
-        """Return the module's buffers with the mean of its copies'; of integers, the first's."""
+        """Return the module's buffers with the mean of the copies; integers are the first's."""
         pairs = []
         for own, *theirs in zip(
             self.trainee.module.buffers(), *(each.buffers() for each in copies), strict=True
@@ -164,6 +164,6 @@ class GradientWorkers:
 
     @torch.no_grad()
     def adopt_buffers(self) -> None:
-        """Give the module the buffers that the last batch led to."""
+        """Give the module the buffers that resulted from the last batch."""
         for own, mean in self._buffers:
             own.copy_(mean)

@@ -1,7 +1,7 @@
 """Processes that train together under torchrun; without it, this process alone.
 
 `torchrun --nproc-per-node 2 --no-python symgrasp train ...`: each process works on its share of
-every batch, on its own GPU where there is one; the first one alone writes and speaks.
+every batch, on its own GPU if there is one; only the first process writes files and messages.
 """
 
 import os
@@ -16,23 +16,25 @@ from torch import Tensor, distributed
 from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.network.devices import find_device
 
-LONGEST_WAIT = timedelta(days=7)  # for the first process to validate, or to prepare frames
+LONGEST_WAIT = timedelta(
+    days=7
+)  # the others wait while the first process validates or prepares frames
 
 
 @dataclass(frozen=True)
 class Processes:
-    """This process among those of a training."""
+    """This process among the processes of a training."""
 
-    rank: int = 0  # which one this is; the first, 0, writes and speaks
-    count: int = 1  # how many there are
+    rank: int = 0  # number of this process; the first, 0, writes files and messages
+    count: int = 1  # number of processes
 
     @property
     def is_first(self) -> bool:
-        """Whether this is the process that writes and speaks."""
+        """Whether this is the process that writes files and messages."""
         return self.rank == 0
 
     def add_up(self, tensors: Sequence[Tensor]) -> None:
-        """Replace each tensor by its sum over all processes; the dtypes of all are one."""
+        """Replace each tensor by its sum over all processes; all have the same dtype."""
         if self.count == 1:
             return
         flat = torch.cat([tensor.flatten() for tensor in tensors])
@@ -52,12 +54,12 @@ class Processes:
         return int(shared)
 
     def wait(self) -> None:
-        """Return once all processes have come here."""
+        """Return once all processes have called this."""
         self.most(0)
 
     @contextmanager
     def one_first(self) -> Iterator[None]:
-        """Let the first process through alone, then all others."""
+        """Let the first process run alone, then all others."""
         if not self.is_first:
             self.wait()
         yield
@@ -67,7 +69,7 @@ class Processes:
 
 @contextmanager
 def process_group(device: str) -> Iterator[tuple[Processes, torch.device]]:
-    """Yield the processes that torchrun started and this one's device, `device` by name.
+    """Yield the processes that torchrun started, and the device named `device` of this process.
 
     Raises:
         ValueRangeError: one GPU is named for several processes.
@@ -75,9 +77,9 @@ def process_group(device: str) -> Iterator[tuple[Processes, torch.device]]:
     if not distributed.is_torchelastic_launched():
         yield Processes(), find_device(device)
         return
-    # This module keeps the group that it finds when it is imported, as an optimizer's first step
-    # does. Threads of a group that is kept live on after it is destroyed, and could abort the
-    # process at its end: so it is imported while there is none.
+    # This module, which an optimizer's first step imports, keeps the group that exists at its
+    # import. Threads of a kept group outlive the group and could abort the process at its end, so
+    # the module is imported before there is a group.
     import torch.distributed.nn.functional  # noqa: PLC0415
 
     if ":" in device and int(os.environ["LOCAL_WORLD_SIZE"]) > 1:
@@ -99,5 +101,5 @@ def _lost_peers() -> Iterator[None]:
         yield
     except RuntimeError as error:
         raise SymgraspError(
-            "another process of this training has ended; its own message says why"
+            "another process of this training has ended; its message gives the reason"
         ) from error

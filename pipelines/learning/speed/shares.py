@@ -1,7 +1,7 @@
 """Micro-batches of a batch, and their distribution over processes.
 
-The regions of a micro-batch do not depend on the number of processes, so neither do the statistics
-of batch norm: with two processes a step differs from that with one by rounding alone.
+The regions of a micro-batch, and so the statistics of batch norm, do not depend on the number of
+processes: a step with two processes differs from a step with one by rounding alone.
 """
 
 from dataclasses import dataclass, replace
@@ -13,20 +13,20 @@ from pipelines.errors import ValueRangeError
 from pipelines.learning.loop.trainee import Items, MicroBatch, Trainee
 from pipelines.learning.speed.processes import Processes
 
-TRAINING = 1_000_003  # keeps trainings apart from datasets that draw from the same seed
+TRAINING = 1_000_003  # separates trainings from datasets that draw from the same seed
 
 
 @dataclass(frozen=True)
 class Piece:
     """One micro-batch of a batch, not loaded yet."""
 
-    number: int  # among the batch's micro-batches
+    number: int  # index among the batch's micro-batches
     first: int  # position of its first item in the batch
-    items: Items  # the trainee's own
-    share: float  # of the batch's gradient; 0 for a piece that only keeps the processes in step
+    items: Items  # in the trainee's form
+    share: float  # share of the batch's gradient; 0 for a piece that only fills up a process
 
     def load(self, trainee: Trainee, seed: int, epoch: int, step: int) -> MicroBatch:
-        """Return the items loaded, each with the generator of its place."""
+        """Load the items, each with the generator of its place in the batch."""
         places = range(self.first, self.first + len(self.items))
         drawing: list[np.random.Generator] = [generator(seed, epoch, step, i) for i in places]
         return trainee.load(self.items, drawing)
@@ -41,7 +41,7 @@ def cut(batch: Items, size: int, processes: Processes) -> list[Piece]:
         for number, (first, part) in enumerate(zip(starts, parts, strict=True))
     ]
     own = pieces[processes.rank :: processes.count]
-    # An epoch smaller than a batch may leave a process without a piece: it adds nothing.
+    # An epoch smaller than a batch may leave a process without a piece: its piece has no weight.
     return own or [replace(pieces[0], share=0.0)]
 
 
@@ -50,13 +50,13 @@ def micro_batch_size(
     on_cpu: int,
     processes: Processes,
 ) -> int:
-    """Return the size of micro-batches: the setting, or where it is 0 what suits the device.
+    """Return the size of micro-batches: the setting, or a size for the device if the setting is 0.
 
-    A CPU is quickest on a few items at a time, in several threads; a GPU on its whole share.
-    `on_cpu` is 0 where there is a GPU.
+    A CPU is fastest with a few items at a time, in several threads; a GPU with its whole share.
+    `on_cpu`: the size for a CPU, 0 on a GPU.
 
     Raises:
-        ValueRangeError: the processes cannot share out a batch evenly.
+        ValueRangeError: the processes cannot share a batch evenly.
     """
     wanted = config.micro_batch_size or on_cpu or -(-config.batch_size // processes.count)
     size = min(wanted, config.batch_size)
@@ -73,8 +73,8 @@ def micro_batch_size(
 def generator(seed: int, *place: int) -> np.random.Generator:
     """Return the generator of one place of a training, `place` counted from 0.
 
-    It depends on the seed and on epoch, step and item alone: a training that is resumed, of several
-    processes, or of other micro-batches draws the same numbers.
+    The generator depends on the seed, epoch, step and item alone: a training that is resumed, or
+    has several processes or other micro-batches, draws the same numbers.
     """
     # A spawn key, unlike a longer seed, distinguishes (1,) from (1, 0).
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(TRAINING, *place)))

@@ -1,4 +1,4 @@
-"""The running mean of a module's weights, less noisy than those of the last step."""
+"""The running mean of a module's weights, less noisy than the weights of the last step."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -8,7 +8,7 @@ from torch import Tensor, nn
 
 
 class WeightAverage:
-    """Exponential running mean of all floating-point state; other state is the module's own."""
+    """Exponential running mean of all floating-point state; other state stays the module's."""
 
     def __init__(self, module: nn.Module, decay: float) -> None:
         self.module, self.decay = module, decay
@@ -22,7 +22,7 @@ class WeightAverage:
     def update(self, step: int) -> None:
         """Add the weights after step number `step`, counted from 1.
 
-        At first the mean is over fewer steps, so that it forgets the random start.
+        The first means are over fewer steps, so that they forget the random start.
         """
         decay = min(self.decay, step / (step + 10.0))
         for mean, live in zip(self._mean.values(), self._live().values(), strict=True):
@@ -30,7 +30,7 @@ class WeightAverage:
 
     @contextmanager
     def applied(self) -> Iterator[None]:
-        """Give the module the mean weights for as long as the context lasts."""
+        """Give the module the mean weights inside the context."""
         own = {name: each.detach().clone() for name, each in self._live().items()}
         try:
             self._set(self._mean)
@@ -49,5 +49,5 @@ class WeightAverage:
         return dict(self._mean)
 
     def load(self, state: Mapping[str, Tensor]) -> None:
-        """Set the mean to one returned by `state`, on the device of the module."""
+        """Set the mean to a result of `state`, on the device of the module."""
         self._mean = {name: state[name].to(each, copy=True) for name, each in self._mean.items()}

@@ -1,9 +1,9 @@
 """Linear layers that give a cloud the same result in any batch, to the last bit (D. 61).
 
-A product of matrices sums few rows in another order than many, and the last rows in another than
-the first; and a last bit decides which points are sampled. So on a CPU, without gradients, each
-cloud is a product of its own. The next layer follows at once, while the cloud is near the
-processor.
+A product of matrices sums in an order that depends on the number of rows, and the last rows in
+another order than the first; and a last bit decides which points are sampled. So on a CPU, without
+gradients, each cloud has a separate product. The next layer follows at once, while the cloud is in
+the cache.
 """
 
 import os
@@ -20,14 +20,14 @@ from pipelines.network.cpu.products import linear
 
 
 def taken_apart(features: Tensor) -> bool:
-    """Return whether clouds are worked on one by one: on a CPU, without gradients."""
+    """Return whether clouds are processed one by one: on a CPU, without gradients."""
     return devices.on_cpu(features) and not torch.is_grad_enabled()
 
 
 def each_cloud(function: Callable[..., None], *clouds: Tensor) -> None:
     """Call `function` with the i-th cloud of each tensor as arrays, clouds in parallel.
 
-    The tensors that it writes to are contiguous.
+    The tensors that `function` writes to must be contiguous.
     """
     arrays = [cloud.detach().contiguous().numpy() for cloud in clouds]
     if torch.get_num_threads() > 1 and len(arrays[0]) > 1:
@@ -38,9 +38,9 @@ def each_cloud(function: Callable[..., None], *clouds: Tensor) -> None:
 
 
 def threads_of_one_core() -> ThreadPoolExecutor:
-    """Return as many threads as torch has; kept, as a new thread costs as much as a cloud.
+    """Return a pool of as many threads as torch has, kept since new threads are slow to start.
 
-    Each process has its own: a fork has none of its parent's.
+    Each process has its own pool, since a fork has no threads of its parent.
     """
     return _threads(torch.get_num_threads(), os.getpid())
 
@@ -52,7 +52,7 @@ def _threads(count: int, process: int) -> ThreadPoolExecutor:
 
 
 def _use_one_core() -> None:
-    torch.get_num_threads()  # at the first call torch sets the number that was set last anywhere
+    torch.get_num_threads()  # at its first call torch sets the number that any thread set last
     torch.set_num_threads(1)
 
 
@@ -110,8 +110,8 @@ def _through(layers: Iterable[CloudLinear], features: Tensor) -> Tensor:
 class RowLinear(nn.Linear):
     """A linear layer that sums each row in the same order, at any place among other rows.
 
-    For one row a cloud, or one number a row: a product of matrices sums a single row, and the last
-    rows of a product with a vector, in an order of their own.
+    For one row per cloud, or one number per row: a product of matrices sums a single row, and the
+    last rows of a product with a vector, in a different order.
     """
 
     def forward(

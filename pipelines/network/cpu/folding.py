@@ -1,8 +1,8 @@
 """Copies of trained networks for inference: no batch norms left, linear layers cloud by cloud.
 
-Once trained, a batch norm is a fixed a x + b for each channel, and a linear layer or convolution
-followed by one is a linear layer or convolution with other weights. The linear layers of the grasp
-network become those of `cloudwise`, whose results do not depend on the batch (D. 61).
+After training, a batch norm is a fixed a x + b for each channel, and a linear layer or convolution
+before a batch norm is equal to a layer with other weights and no norm. The linear layers of the
+grasp network become layers of `cloudwise`, with results independent of the batch (D. 61).
 """
 
 import copy
@@ -52,13 +52,13 @@ def _make_cloudwise(part: nn.Module) -> None:
     is_pift = isinstance(part, PIFT | ConvolutionPIFT)
     of_one_row = {id(part.hidden), id(part.regress)} if is_pift else set()
     for layer in part.modules():
-        if type(layer) is nn.Linear:  # the class alone decides how a layer is worked out
+        if type(layer) is nn.Linear:  # the class alone decides how a layer is computed
             single = layer.out_features == 1 or id(layer) in of_one_row
             layer.__class__ = RowLinear if single else CloudLinear
 
 
 class FoldedPropagation(nn.Module):
-    """A feature propagation whose norms have become part of its linear layers."""
+    """A feature propagation with its norms folded into its linear layers."""
 
     def __init__(self, coarse: CloudLinear, fine: CloudLinear, joined: CloudLinear) -> None:
         super().__init__()
@@ -90,7 +90,7 @@ class FoldedPropagation(nn.Module):
 
 @compiled
 def add_interpolated(coarse: Floats, places: Indices, weights: Floats, fine: Floats) -> None:
-    """Add to `fine` (m, c) weighted sums of rows (n, c) of `coarse`; leave nothing below zero.
+    """Add to `fine` (m, c) weighted sums of rows (n, c) of `coarse`, and clip it at zero.
 
     `places` and `weights` are (m, 3).
     """
@@ -104,7 +104,7 @@ def add_interpolated(coarse: Floats, places: Indices, weights: Floats, fine: Flo
 
 
 def _folded_propagation(propagation: FeaturePropagation) -> FoldedPropagation:
-    """Fold the norms: that of a sum of two linear layers goes into both of them."""
+    """Fold the norms; the norm of a sum of two linear layers goes into both layers."""
     first, _, joined, last = propagation.joined
     scale, shift = _affine(cast(PointNorm, first))
     _scale(propagation.coarse, scale, None)
@@ -117,7 +117,7 @@ def _folded_propagation(propagation: FeaturePropagation) -> FoldedPropagation:
 
 
 def _chained(layers: nn.Sequential) -> nn.Sequential:
-    """Return the layers with runs of linear ones as chains, each with the ReLU that follows it."""
+    """Return the layers with runs of linear layers as chains, each with the following ReLU."""
     parts: list[nn.Module] = []
     run: list[nn.Module] = []
     for layer in layers:
@@ -140,7 +140,7 @@ def _fold_last(layers: nn.Sequential) -> None:
 
 
 def _affine(norm: PointNorm) -> tuple[Tensor, Tensor]:
-    """Return what a trained norm multiplies by and what it adds, a number each channel."""
+    """Return the factor and the summand of a trained norm, a number for each channel."""
     mean, variance = cast(Tensor, norm.running_mean), cast(Tensor, norm.running_var)
     scale = norm.weight / (variance + norm.eps).sqrt()
     return scale, norm.bias - mean * scale
@@ -153,9 +153,9 @@ def _scale(linear: nn.Linear, scale: Tensor, shift: Tensor | None) -> None:
 
 
 def _fold_convolutions(layers: nn.Module) -> None:
-    """Fold each batch norm that follows a convolution into it.
+    """Fold each batch norm that follows a convolution into the convolution.
 
-    `layers` run in their order, as torchvision's do; its ResNet's body is a `ModuleDict`.
+    `layers` run in their order, as in torchvision; the body of its ResNet is a `ModuleDict`.
     """
     for (first, layer), (second, norm) in pairwise(list(layers.named_children())):
         if isinstance(layer, nn.Conv2d) and isinstance(norm, nn.BatchNorm2d):

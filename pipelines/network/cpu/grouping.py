@@ -1,8 +1,8 @@
 """Pooling of the groups of a set abstraction: one cloud after the other, in one pass.
 
-The largest tensor of the network, a row for each member of each group, is written a part at a time
-and stays near the processor until it is pooled. In each channel only the member that is the maximum
-has a gradient, so that the backward pass is a sum over few rows.
+The largest tensor of the network, a row for each member of each group, is written part by part and
+stays in the cache until it is pooled. In each channel only the member with the maximum has a
+gradient, so that the backward pass is a sum over few rows.
 """
 
 from functools import partial
@@ -21,7 +21,7 @@ from pipelines.network.cpu.products import linear
 
 Members = NDArray[np.int32]
 
-ROWS = 2048  # members of groups that are worked on at a time, about
+ROWS = 2048  # approximate number of members of groups processed at a time
 
 
 def applies_to(projected: Tensor, offset: Tensor, neighbors: Tensor, group: nn.Linear) -> bool:
@@ -38,7 +38,7 @@ def fast_pooled_groups(
 ) -> Tensor:
     """Return (B, M, D), as `network.pointnet2.pooled_groups` does.
 
-    Where several members are the maximum, the gradient goes to the first.
+    If several members have the maximum, the gradient goes to the first.
     """
     pooled: Tensor = _PooledGroups.apply(projected, offset, neighbors, group.weight)
     return pooled
@@ -129,7 +129,7 @@ def _add_gradients(
     to_offset: Floats,
     to_weight: Floats,
 ) -> None:
-    """Add to the last three the gradients of the inputs, by the `gradient` (m, d) of the maxima."""
+    """Add the gradients of the inputs to the last three, from `gradient` (m, d) of the maxima."""
     members, zero = neighbors.shape[1], weight.dtype.type(0.0)
     hidden = np.empty((members, weight.shape[1]), weight.dtype)
     to_hidden = np.empty_like(hidden)

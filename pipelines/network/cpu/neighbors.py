@@ -1,9 +1,9 @@
-"""Farthest and nearest points of a cloud, compiled: by looking at all of them.
+"""Farthest and nearest points of a cloud, compiled, by a search over all points.
 
-A row of distances is sums over three columns, and counts, minima and places of it are sums and
-minima of integers, as the bits of numbers that are not negative are in their order. A processor
-does eight or sixteen of each at once, so that looking at all points takes less time than to build
-a tree. Distances are compared in single precision; of points equally far the first are taken.
+A row of distances is a sum over three columns. Its counts, minima and places are sums and minima of
+integers, since the bits of non-negative numbers have the same order as the numbers. A processor
+does eight or sixteen of these at once, so that a search over all points is faster than to build a
+tree. Distances are compared in single precision; of equally far points the first are taken.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ from pipelines.geometry.numerics.compiled import compiled
 from pipelines.network.cpu.cloudwise import each_cloud
 
 NO_PLACE = np.int32(np.iinfo(np.int32).max)
-TRIES = 6  # at a distance within which there are as many points as are needed, and few more
+TRIES = 6  # to find a distance with as many points as needed within it, and few more
 FEW = 8
 
 
@@ -24,7 +24,7 @@ def fast_farthest_points(
     points: Tensor,  # (B, N, 3)
     count: int,
 ) -> Tensor:
-    """Return indices (B, count), as `network.sampling.farthest_points` does, a cloud a thread."""
+    """Return indices (B, count), as `network.sampling.farthest_points` does, a thread per cloud."""
     chosen = torch.empty(len(points), count, dtype=torch.int64)
     each_cloud(find_farthest, points.float(), chosen)
     return chosen
@@ -47,7 +47,7 @@ def fast_three_nearest(
 ) -> tuple[Tensor, Tensor]:
     """Return indices and squared distances (B, M, 3) of the nearest points.
 
-    Where there are fewer than three, any point takes the place of the others, infinitely far.
+    If there are fewer than three points, any point stands for the missing ones, infinitely far.
     """
     index = queries.new_empty(*queries.shape[:2], 3, dtype=torch.int64)
     squared = queries.new_empty(index.shape)
@@ -57,7 +57,7 @@ def fast_three_nearest(
 
 @compiled
 def find_farthest(cloud: Singles, chosen: Indices) -> None:
-    """Set `chosen` (m,) to the first of a cloud's points (n, 3), and each next to the farthest."""
+    """Set `chosen` (m,) to the first of a cloud's points (n, 3), then always the farthest point."""
     xs, ys, zs = cloud[:, 0].copy(), cloud[:, 1].copy(), cloud[:, 2].copy()
     squared = np.full(len(cloud), np.float32(np.inf))
     fresh = np.empty_like(squared)
@@ -109,8 +109,8 @@ def find_three_nearest(
 ) -> None:
     """Set `places` (m, 3) to the points (n, 3) nearest to each query, and `squared_gaps` likewise.
 
-    Compared in single precision, measured in that of the points. Where n is less than 3, any
-    point takes the place of those that are not there, infinitely far.
+    Distances are compared in single precision and returned in the precision of the points. If n is
+    less than 3, any point stands for the missing ones, infinitely far.
     """
     single, queried = support.astype(np.float32), queries.astype(np.float32)
     xs, ys, zs = single[:, 0].copy(), single[:, 1].copy(), single[:, 2].copy()
@@ -142,7 +142,7 @@ def _measure(query: Singles, xs: Singles, ys: Singles, zs: Singles, squared: Sin
 
 @compiled
 def _first(bits: NDArray[np.int32], wanted: np.int32) -> int:
-    """Return the first place of `bits` (n,) that holds `wanted`."""
+    """Return the first index at which `bits` (n,) equal `wanted`."""
     place = NO_PLACE
     for n in range(len(bits)):
         place = min(place, np.int32(n) if bits[n] == wanted else NO_PLACE)
@@ -151,10 +151,10 @@ def _first(bits: NDArray[np.int32], wanted: np.int32) -> int:
 
 @compiled
 def _limit_of_some(squared: Singles, count: int, guess: np.float32) -> np.float32:
-    """Return a bound that at least `count` of `squared` (n,) are within, and few more if possible.
+    """Return a bound with at least `count` of `squared` (n,) within it, and few more if possible.
 
     The number of points of a surface grows with the square of the distance. `guess`: the bound of
-    the query before, which is much the same; 0 for none.
+    the previous query, which is similar; 0 for none.
     """
     low, high = np.float32(0.0), np.float32(np.inf)
     if not low < guess < high:

@@ -1,8 +1,8 @@
-"""Linear layers without gradients on a CPU, by the library that makes the most of the processor.
+"""Linear layers without gradients on a CPU, by the library that is fastest on the processor.
 
-torch leaves products of matrices to MKL, which uses half of what processors of other makers than
-its own can do, and convolutions to oneDNN, which does not ask who made them. A linear layer is
-a 1 x 1 convolution; oneDNN adds the bias and applies the ReLU in the same pass.
+torch computes products of matrices by MKL, which has half of the possible speed on processors that
+are not Intel's, and convolutions by oneDNN, which is fast on all processors. A linear layer is a
+1 x 1 convolution; oneDNN adds the bias and applies the ReLU in the same pass.
 """
 
 import torch
@@ -19,7 +19,7 @@ def by_onednn(
     bias: Tensor | None = None,  # (d,)
     rectifies: bool = False,
 ) -> Tensor:
-    """Return what `linear` does, by a private function of torch that its compiler uses too."""
+    """Return the result of `linear`, by a private function of torch that its compiler uses too."""
     after = "relu" if rectifies else "none"
     made: Tensor = torch.ops.mkldnn._linear_pointwise(rows, weight, bias, after, [], "")
     return made
@@ -30,7 +30,7 @@ def _probe() -> None:
     rows, weight = torch.arange(6.0).view(2, 3), torch.arange(12.0).view(4, 3) - 6.0
     expected = functional.linear(rows, weight, torch.ones(4)).relu()
     if not torch.allclose(by_onednn(rows, weight, torch.ones(4), rectifies=True), expected):
-        raise RuntimeError("other numbers than torch's own")
+        raise RuntimeError("results differ from torch's own")
 
 
 def _is_for_onednn(
@@ -54,6 +54,6 @@ def linear(
     bias: Tensor | None = None,  # (d,)
     rectifies: bool = False,
 ) -> Tensor:
-    """Return rows (n, d) of W x + b, clipped at zero where the layer `rectifies`."""
+    """Return rows (n, d) of W x + b, clipped at zero if the layer `rectifies`."""
     found = functional.linear(rows, weight, bias)
     return found.relu_() if rectifies else found

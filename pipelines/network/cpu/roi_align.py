@@ -1,6 +1,6 @@
-"""Features of boxes (RoIAlign, He et al.) from maps whose channels lie together in memory.
+"""Features of boxes (RoIAlign, He et al.) from maps with channels last in memory.
 
-torchvision's own, on the CPU, copies a whole map into another layout for each level and call.
+On the CPU, torchvision's RoIAlign copies a whole map into another layout for each level and call.
 """
 
 import math
@@ -17,7 +17,7 @@ from pipelines.network import devices
 
 Taps = tuple[Indices, Indices, Singles]
 
-ROUNDING = 1e-6  # levels, as torchvision has it
+ROUNDING = 1e-6  # levels, as in torchvision
 
 
 class ChannelsLastRoIAlign(MultiScaleRoIAlign):  # type: ignore[misc] # untyped library
@@ -26,8 +26,8 @@ class ChannelsLastRoIAlign(MultiScaleRoIAlign):  # type: ignore[misc] # untyped 
     def forward(
         self,
         maps: Mapping[str, Tensor],  # (B, C, h, w) each
-        boxes: list[Tensor],  # (n, 4) x0, y0, x1, y1 in pixels, an image each
-        sizes: Sequence[tuple[int, int]],  # of the images
+        boxes: list[Tensor],  # (n, 4) x0, y0, x1, y1 in pixels, for each image
+        sizes: Sequence[tuple[int, int]],  # height and width of each image
     ) -> Tensor:
         """Return the features (N, C, h, w) of all images' boxes, one image after the other."""
         if not devices.on_cpu(boxes[0]):
@@ -52,7 +52,7 @@ class ChannelsLastRoIAlign(MultiScaleRoIAlign):  # type: ignore[misc] # untyped 
         boxes: Tensor,  # (n, 4)
         scales: Array,  # (m,)
     ) -> Tensor:
-        """Return (n,) the map of each box: by its size (Eq. 1 of Feature Pyramid Networks)."""
+        """Return (n,) the map of each box by the box's size (Eq. 1 of Feature Pyramid Networks)."""
         size = torch.sqrt((boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1]))
         level = self.canonical_level + torch.log2(size / self.canonical_scale) + ROUNDING
         first, last = (-math.log2(scale) for scale in (scales[0], scales[-1]))
@@ -69,8 +69,8 @@ def _aligned(
 ) -> Singles:
     """Return (n, rows, columns, C) the mean of the samples in each cell of `boxes` (n, 4).
 
-    `maps`: (B, h, w, C), of an image times `scales` (m,). `where`: (n,) each box's image and
-    map. `counts`: of rows, of columns, and of samples along each side of a cell.
+    `maps`: (B, h, w, C), sizes are the image's times `scales` (m,). `where`: (n,) image and map of
+    each box. `counts`: rows, columns, and samples along each side of a cell.
     """
     rows, columns, samples = counts
     channels, one = maps[0].shape[3], np.float32(1.0)
@@ -101,10 +101,10 @@ def _aligned(
 
 @compiled
 def _samples(start: np.float32, end: np.float32, cells: int, samples: int, length: int) -> Taps:
-    """Return the two pixels that each sample along a side of a box lies between, and its share.
+    """Return the two pixels around each sample along a side of a box, and the second's share.
 
-    `start`, `end`: of the side, which has `cells` with `samples` each.
-    For samples off the map, which is `length` pixels long, the first pixel is -1.
+    `start`, `end`: ends of the side, which has `cells` with `samples` each. For a sample outside
+    the map, which is `length` pixels long, the first pixel is -1.
     """
     count = cells * samples
     first, second = np.full(count, -1, np.int64), np.zeros(count, np.int64)

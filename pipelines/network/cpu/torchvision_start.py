@@ -1,9 +1,9 @@
 """Import of torchvision without torch's compiler.
 
-torchvision imports a function of `torch._dynamo.utils` that it calls only where training on a GPU
-must be deterministic. That module brings the whole compiler with it: two of the seven seconds and a
-tenth of the memory that a process of `infer` takes to start. Without such a module, in another
-release, torchvision does not ask for it, and nothing changes.
+torchvision imports a function of `torch._dynamo.utils` that it calls only if training on a GPU must
+be deterministic. That module imports the whole compiler: two of the seven seconds and a tenth of
+the memory that a process of `infer` takes to start. A release of torch without this module works
+unchanged, since torchvision then does not import it.
 """
 
 import importlib
@@ -29,7 +29,7 @@ class _StandIn(ModuleType):
 
 
 def import_torchvision() -> None:
-    """Import torchvision unless it is; the compiler is imported when it is first used."""
+    """Import torchvision unless it is imported; the compiler is imported at its first use."""
     if "torchvision" in sys.modules or COMPILER in sys.modules:
         return
     sys.modules[COMPILER] = _StandIn(COMPILER)

@@ -1,4 +1,4 @@
-"""Pairs of functions that do the same: a plain one in torch, and a fast one where that works."""
+"""Pairs of equivalent functions: a plain form in torch, and a fast form where it works."""
 
 import functools
 import logging
@@ -11,7 +11,7 @@ log = logging.getLogger(__name__)
 
 Given = ParamSpec("Given")
 Returned = TypeVar("Returned")
-# What a release of torch raises that took a private function away, or changed what it takes.
+# Errors of a release of torch that removed a private function, or changed its arguments.
 GONE = (AttributeError, ImportError, NotImplementedError, RuntimeError, TypeError)
 
 
@@ -19,8 +19,8 @@ class Twins(Generic[Given, Returned]):
     """A function with a plain and a fast form.
 
     Attributes:
-        plain: in simple torch, on any device, with gradients.
-        fast: the same with less work.
+        plain: the form in simple torch, on any device, with gradients.
+        fast: the equivalent form with less work.
         applies: whether the fast form may be used for these arguments.
     """
 
@@ -34,13 +34,13 @@ class Twins(Generic[Given, Returned]):
         functools.update_wrapper(self, plain)
 
     def __call__(self, *args: Given.args, **kwargs: Given.kwargs) -> Returned:
-        """Return what either form does."""
+        """Return the result of the form that applies."""
         chosen = self.fast if self.applies(*args, **kwargs) else self.plain
         return chosen(*args, **kwargs)
 
 
 def first_on_cpu(*args: Any, **kwargs: Any) -> bool:  # noqa: ANN401 - of any function
-    """Return whether the first argument, a tensor, lies on the CPU."""
+    """Return whether the first argument, a tensor, is on the CPU."""
     del kwargs
     return devices.on_cpu(args[0])
 
@@ -48,7 +48,7 @@ def first_on_cpu(*args: Any, **kwargs: Any) -> bool:  # noqa: ANN401 - of any fu
 def faster_by(
     fast: Callable[Given, Returned], applies: Callable[Given, bool] = first_on_cpu
 ) -> Callable[[Callable[Given, Returned]], Twins[Given, Returned]]:
-    """Let `fast` stand in for the decorated function where it `applies`."""
+    """Let `fast` replace the decorated function where it `applies`."""
 
     def pair(plain: Callable[Given, Returned]) -> Twins[Given, Returned]:
         return Twins(plain, fast, applies)
@@ -58,14 +58,16 @@ def faster_by(
 
 @functools.lru_cache
 def works(probe: Callable[[], object]) -> bool:
-    """Return whether `probe` runs, which tries a private function of torch; once a process.
+    """Return whether `probe`, which tries a private function of torch, runs; once per process.
 
-    Where it does not, the log says so: the plain form takes the fast one's place.
+    If it fails, the log has a warning, and the plain form replaces the fast form.
     """
     try:
         probe()
     except GONE as error:
         name = cast(Any, probe).__doc__.partition("\n")[0].rstrip(".")
-        log.warning("%s: not with this torch (%s); slower operations take its place", name, error)
+        log.warning(
+            "%s do not work with this torch (%s); slower operations replace them", name, error
+        )
         return False
     return True

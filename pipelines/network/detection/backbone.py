@@ -7,13 +7,13 @@ import torch
 from torch import Tensor, nn
 from torchvision.ops.feature_pyramid_network import FeaturePyramidNetwork, LastLevelMaxPool
 
-WIDTHS = (24, 48, 96, 160, 192)  # of the stem and of the stages at strides 4, 8, 16, 32
-COLOR_WIDTHS = (16, 32, 64, 96, 96)  # of the stream of colour beside that of geometry
+WIDTHS = (24, 48, 96, 160, 192)  # channels of the stem and of the stages at strides 4, 8, 16, 32
+COLOR_WIDTHS = (16, 32, 64, 96, 96)  # channels of the colour stream, next to the geometry stream
 BLOCKS = (1, 2, 2, 2)
 
 
 class ResidualBlock(nn.Module):
-    """Two 3 x 3 convolutions beside a shortcut."""
+    """Two 3 x 3 convolutions with a shortcut."""
 
     def __init__(self, in_dim: int, out_dim: int, stride: int) -> None:
         super().__init__()
@@ -27,7 +27,7 @@ class ResidualBlock(nn.Module):
         image: Tensor,  # (B, C, h, w)
     ) -> Tensor:
         """Return the block's output, `stride` times smaller."""
-        # In place: fresh memory for maps this large takes as long as the arithmetic on them.
+        # In place: new memory for maps this large takes as long as the arithmetic.
         summed = self.second(self.first(image).relu_()).add_(self.shortcut(image))
         return torch.relu_(summed)
 
@@ -78,10 +78,10 @@ class LightBackbone(ResidualStream):
 
 
 class TwoStreamBackbone(LightBackbone):
-    """A `LightBackbone` of geometry; a narrower stream of colour joins it before the pyramid.
+    """A `LightBackbone` of geometry, joined by a narrower colour stream before the pyramid.
 
-    The layers that join start at zero: with the weights of a detector of geometry the two streams
-    answer as that detector does, whatever the colours.
+    The joining layers start at zero: with the weights of a detector of geometry, the two streams
+    have the same output as this detector, independent of the colours.
     """
 
     def __init__(self, color_channels: int, geometry_channels: int, out_channels: int) -> None:
@@ -89,7 +89,7 @@ class TwoStreamBackbone(LightBackbone):
         self.color_channels = color_channels
         self.color = ResidualStream(color_channels, COLOR_WIDTHS)
         pairs = zip(COLOR_WIDTHS[1:], WIDTHS[1:], strict=True)
-        self.joins = nn.ModuleList(nn.Conv2d(theirs, own, 1) for theirs, own in pairs)
+        self.joins = nn.ModuleList(nn.Conv2d(color, own, 1) for color, own in pairs)
         for weights in self.joins.parameters():
             nn.init.zeros_(weights)
 

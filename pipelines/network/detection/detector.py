@@ -24,13 +24,13 @@ from pipelines.network.weights_files import fill, read_weights
 from pipelines.tabletop.depth_channels import SmallFrame, depth_channels, find_plane, shrink
 
 MODEL_NAME = "RegionDetector"
-COLOR_MEAN = (0.485, 0.456, 0.406)  # ImageNet's, which COCO weights were trained with
+COLOR_MEAN = (0.485, 0.456, 0.406)  # ImageNet's values, used in the training of COCO weights
 COLOR_STD = (0.229, 0.224, 0.225)
 
 
 @dataclass(frozen=True)
 class Detection:
-    """One region found in a frame."""
+    """One detected region of a frame."""
 
     mask: Mask  # (H, W), at the frame's size
     box: Array  # (4,) x0, y0, x1, y1 in pixels of the frame
@@ -38,7 +38,7 @@ class Detection:
 
 
 class RegionDetector:
-    """Mask R-CNN with its input images and its masks at the size of the frame."""
+    """Mask R-CNN with the preparation of its input and with masks at the size of the frame."""
 
     def __init__(self, model: MaskRCNN, config: DetectorConfig, device: torch.device) -> None:
         self.config, self.device = config, device
@@ -75,11 +75,11 @@ class RegionDetector:
         Args:
             color: (H, W, 3) RGB.
             depth: (H, W) metres, 0 = missing.
-            intrinsics: of both.
-            plane: support plane, camera frame; found in the depth image unless given.
+            intrinsics: intrinsics of both images.
+            plane: support plane, camera frame; by default found in the depth image.
 
         Raises:
-            ValueRangeError: the images are not of the size that `intrinsics` are of.
+            ValueRangeError: the images do not have the size of `intrinsics`.
         """
         size = (intrinsics.height, intrinsics.width)
         if color.shape != (*size, 3) or depth.shape != size:
@@ -121,7 +121,7 @@ class RegionDetector:
 
 
 def draw_mask(soft: Singles, box: Array, size: tuple[int, int], threshold: float = 0.5) -> Mask:
-    """Return the mask (H, W) = `size` of probabilities (28, 28) spread over `box`, in pixels.
+    """Return the mask (H, W) = `size` of probabilities (28, 28) stretched over `box`, in pixels.
 
     The outermost probabilities fade to zero within half a cell beyond the box.
     """

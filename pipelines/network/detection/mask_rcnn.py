@@ -1,4 +1,4 @@
-"""Mask R-CNN with an FPN (Sec. III-D) in two sizes; its input images come ready."""
+"""Mask R-CNN with an FPN (Sec. III-D) in two sizes, for prepared input images."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -19,7 +19,7 @@ from pipelines.network.detection.backbone import LightBackbone, TwoStreamBackbon
 from pipelines.network.weights_files import tensor_differences
 
 NUM_CLASSES = 2  # background, symmetric region
-COCO_CLASSES, MOST_CLASSES = 91, 10_000  # of detectors to start from
+COCO_CLASSES, MOST_CLASSES = 91, 10_000  # classes of detectors to start from
 COLOR_CHANNELS, GEOMETRY_CHANNELS = 3, 6
 NUM_CHANNELS = {
     "geometry": GEOMETRY_CHANNELS,
@@ -27,16 +27,16 @@ NUM_CHANNELS = {
     "both": COLOR_CHANNELS + GEOMETRY_CHANNELS,
 }
 LIGHT_WIDTH = 64  # channels of the light variant's pyramid and mask head
-LIGHT_HIDDEN = 256  # of its box head
+LIGHT_HIDDEN = 256  # channels of the light variant's box head
 ANCHOR_SIZES = ((16,), (32,), (64,), (128,), (192,))  # pixels at the network's input
 ASPECT_RATIOS = (0.5, 1.0, 2.0)
 
 
 class PreparedImages(GeneralizedRCNNTransform):  # type: ignore[misc] # untyped library
-    """torchvision's transform without its changes: images come resized and normalised.
+    """torchvision's transform reduced to padding: images are already resized and normalised.
 
-    Only the padding to one size is left. Masks stay 28 x 28 in the box, as the head gives them:
-    they are drawn later at the size of the frame, which the network does not know.
+    Masks stay 28 x 28 in the box, as the output of the head: they are drawn later at the size of
+    the frame, which the network does not know.
     """
 
     def __init__(self) -> None:
@@ -45,7 +45,7 @@ class PreparedImages(GeneralizedRCNNTransform):  # type: ignore[misc] # untyped 
     def forward(
         self, images: list[Tensor], targets: list[dict[str, Tensor]] | None = None
     ) -> tuple[ImageList, list[dict[str, Tensor]] | None]:
-        """Return the images padded to one size, and the targets as they are."""
+        """Return the images padded to one size, and the targets unchanged."""
         sizes = [(int(image.shape[-2]), int(image.shape[-1])) for image in images]
         return ImageList(self.batch_images(images), sizes), targets
 
@@ -71,9 +71,9 @@ class PreparedImages(GeneralizedRCNNTransform):  # type: ignore[misc] # untyped 
 
 
 class SeededSampler:
-    """Draws the anchors or boxes a loss is computed on, positives up to a share.
+    """Draws the anchors or boxes that a loss is computed on, positives up to a share.
 
-    As torchvision's own, but from a given generator instead of the global one.
+    It works as torchvision's sampler, but draws from a given generator, not the global one.
     """
 
     def __init__(self, batch_size_per_image: int, positive_fraction: float) -> None:
@@ -81,7 +81,7 @@ class SeededSampler:
         self.generator = torch.Generator()
 
     def __call__(self, matched: Sequence[Tensor]) -> tuple[list[Tensor], list[Tensor]]:
-        """Return masks of the positives and negatives drawn, one of each an image.
+        """Return masks of the drawn positives and negatives, one of each per image.
 
         `matched`: (n,) per image; at least 1 is positive, 0 negative, below neither.
         """
@@ -104,7 +104,7 @@ def build_detector(config: DetectorConfig) -> MaskRCNN:
     """Return an untrained detector.
 
     Raises:
-        UnknownNameError: the variant or the input is not known.
+        UnknownNameError: the variant or the input is unknown.
     """
     if config.input not in NUM_CHANNELS:
         raise UnknownNameError("detector input", config.input, NUM_CHANNELS)
@@ -117,7 +117,7 @@ def build_detector(config: DetectorConfig) -> MaskRCNN:
 
 
 def adapt(model: FasterRCNN) -> None:
-    """Let a network of torchvision's take images as they come, and draw by `SeededSampler`."""
+    """Make a network of torchvision take prepared images and draw by `SeededSampler`."""
     model.transform = PreparedImages()
     for part in (model.rpn, model.roi_heads):
         given = part.fg_bg_sampler
@@ -125,7 +125,7 @@ def adapt(model: FasterRCNN) -> None:
 
 
 def seed_samplers(model: MaskRCNN, generator: torch.Generator) -> None:
-    """Let the detector draw from `generator` in training."""
+    """Make the detector draw from `generator` in training."""
     for part in (model.rpn, model.roi_heads):
         part.fg_bg_sampler.generator = generator
 
@@ -188,27 +188,27 @@ def _resnet50(in_channels: int, config: DetectorConfig) -> MaskRCNN:
 
 
 def adopt_coco(model: MaskRCNN, weights: Mapping[str, Tensor], source: str) -> list[str]:
-    """Give the resnet50 variant those of COCO's `weights` whose shapes fit; return the others.
+    """Give the resnet50 variant COCO's `weights` of fitting shapes; return the other names.
 
     The class predictors of COCO's 91 classes never fit. Input channels beyond colour have no
     counterpart either. `source`: name of the weights, for the message.
 
     Raises:
-        FormatError: they are not of torchvision's Mask R-CNN, of however many classes.
+        FormatError: the weights are not of torchvision's Mask R-CNN, with any number of classes.
     """
     scores = weights.get("roi_heads.box_predictor.cls_score.bias")
     count = COCO_CLASSES if scores is None or scores.ndim != 1 else min(len(scores), MOST_CLASSES)
     with torch.device("meta"):
-        theirs = maskrcnn_resnet50_fpn(weights=None, weights_backbone=None, num_classes=count)
+        source_model = maskrcnn_resnet50_fpn(weights=None, weights_backbone=None, num_classes=count)
     try:
         # Published files have names of older versions, which torchvision itself translates.
-        theirs.load_state_dict(dict(weights), assign=True)
+        source_model.load_state_dict(dict(weights), assign=True)
     except RuntimeError as error:
         expected = "the state_dict of torchvision's maskrcnn_resnet50_fpn"
-        found = tensor_differences(weights, theirs.state_dict())
+        found = tensor_differences(weights, source_model.state_dict())
         raise FormatError(source, f"holds other tensors ({found})", expected) from error
     own = model.state_dict()
-    given = theirs.state_dict().items()
+    given = source_model.state_dict().items()
     fitting = {n: t for n, t in given if n in own and own[n].shape == t.shape}
     model.load_state_dict({**own, **fitting})
     return sorted(set(own) - set(fitting))

@@ -1,7 +1,7 @@
 """GG-CNN and GG-CNN2: grasp quality, angle and opening at every pixel of a depth image.
 
 Morrison, Corke, Leitner: Closing the Loop for Robotic Grasping, RSS 2018. Layers and sizes are
-those of the authors' release: 62,420 and 66,676 parameters.
+as in the authors' release: 62,420 and 66,676 parameters.
 """
 
 from collections.abc import Callable
@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from pipelines.configs.peers import PeerNetworkConfig
 
 MAPS = ("quality", "cos", "sin", "width")  # in the order of the output's channels
-SIDES_BY = {"light": 12, "full": 4}  # sides of an image are multiples of it
+SIDES_BY = {"light": 12, "full": 4}  # sides of an image are multiples of this number
 
 
 class GGCNN(nn.Module):
@@ -22,7 +22,7 @@ class GGCNN(nn.Module):
         self.config = config
         layers, width, kernel = _LAYERS[config.variant]()
         self.body = nn.Sequential(*layers)
-        self.heads = nn.Conv2d(width, len(MAPS), kernel)  # one pass over the features for all
+        self.heads = nn.Conv2d(width, len(MAPS), kernel)  # one pass over the features for all maps
         for layer in self.modules():
             if isinstance(layer, nn.Conv2d | nn.ConvTranspose2d):
                 nn.init.constant_(layer.state_dict()["bias"], 0.0)
@@ -41,7 +41,7 @@ class GGCNN(nn.Module):
 
 
 def _first() -> tuple[list[nn.Module], int, int]:
-    """Return the layers of GG-CNN, the width of the last and the size of the heads' kernels."""
+    """Return the layers of GG-CNN, the width of the last layer and the heads' kernel size."""
     layers: list[nn.Module] = []
     for before, after, kernel, stride, padding in (
         (1, 32, 9, 3, 3),
@@ -62,7 +62,7 @@ def _first() -> tuple[list[nn.Module], int, int]:
 
 
 def _second() -> tuple[list[nn.Module], int, int]:
-    """Return the same of GG-CNN2."""
+    """Return the layers, last width and heads' kernel size of GG-CNN2."""
 
     def conv(before: int, after: int, kernel: int, dilation: int = 1) -> list[nn.Module]:
         padding = dilation * (kernel // 2)

@@ -1,4 +1,4 @@
-"""Input of GG-CNN: depth without missing pixels, from its mean."""
+"""Input of GG-CNN: depth without missing pixels, less its mean."""
 
 import numpy as np
 
@@ -8,19 +8,19 @@ from pipelines.geometry.pointcloud import Plane
 from pipelines.tabletop.sparse_depth import nearest_measured
 
 LIMIT = 1.0  # metres from the mean
-BELOW = 0.02  # metres under the table that are still shown; deeper is background
+BELOW = 0.02  # metres, depth under the table that is still shown; deeper pixels are background
 
 
 def normalised(depth: Singles) -> Singles:
-    """Return `depth` (h, w), metres, without missing pixels, from its mean, within `LIMIT`."""
+    """Return `depth` (h, w), metres, without missing pixels, less its mean, within `LIMIT`."""
     return np.asarray(np.clip(depth - depth.mean(), -LIMIT, LIMIT), np.float32)
 
 
 def whole_depth(depth: Singles, intrinsics: Intrinsics, plane: Plane | None) -> Singles:
-    """Return `depth` (H, W) metres, 0 where missing, with every pixel known.
+    """Return `depth` (H, W) metres, 0 where missing, with all missing pixels filled.
 
-    A missing pixel takes the depth of the nearest measured one. What lies beyond the table `plane`
-    (camera frame) is drawn to it: the background would shift the mean that such networks subtract.
+    A missing pixel takes the depth of the nearest measured pixel. Points beyond the table `plane`
+    (camera frame) move to the table: a background would shift the mean that the network subtracts.
     """
     if not (depth > 0).any():
         return np.ones_like(depth)

@@ -1,6 +1,6 @@
 """GraspNet's baseline: an approach, an operation and a tolerance network on PointNet++ features.
 
-Fang et al.: GraspNet-1Billion, CVPR 2020. Layers are those of the authors' release: 641,856,
+Fang et al.: GraspNet-1Billion, CVPR 2020. Layers are as in the authors' release: 641,856,
 236,028, 42,048, 54,564 and 51,468 parameters. The light variant sees fewer points and smaller
 groups.
 """
@@ -17,10 +17,10 @@ from pipelines.network.pointnet2 import PointNorm
 from pipelines.network.sampling import farthest_points, gather
 
 VIEWS, NUM_TURNS, DEPTHS = 300, 12, 4
-RADII = (0.04, 0.1, 0.2, 0.3)  # metres, of the balls of each level
-CROP_RADIUS, CROP_BEHIND, DEPTH_STEP = 0.05, 0.02, 0.01  # metres, of the cylinders
-WIDEST_OPENING = 0.1  # metres, the opening that predicted widths are a share of
-WIDEST_TOLERANCE = 0.05  # metres, the same of tolerances
+RADII = (0.04, 0.1, 0.2, 0.3)  # metres, radius of the balls at each level
+CROP_RADIUS, CROP_BEHIND, DEPTH_STEP = 0.05, 0.02, 0.01  # metres, measures of the cylinders
+WIDEST_OPENING = 0.1  # metres; predicted widths are shares of this opening
+WIDEST_TOLERANCE = 0.05  # metres; predicted tolerances are shares of this value
 
 
 @dataclass(frozen=True)
@@ -41,11 +41,11 @@ GRASPNET_SIZES = {
 
 @dataclass(frozen=True)
 class Seeds:
-    """Seeds of grasps: places (B, S, 3), their indices (B, S) in the input, what is said of them.
+    """Seeds of grasps: points (B, S, 3), indices (B, S) in the input, and predictions.
 
     Attributes:
-        points: metres.
-        index: of the input's points.
+        points: places of the seeds, metres.
+        index: indices of the seeds among the input's points.
         objectness: (B, S, 2) logits of background and object.
         views: (B, S, 300) scores of approaching against each view.
     """
@@ -58,9 +58,9 @@ class Seeds:
 
 @dataclass(frozen=True)
 class Operations:
-    """What is said of each seed at four depths: scores, angle logits, widths, tolerances.
+    """Predictions for each seed at four depths: scores, angle logits, widths, tolerances.
 
-    All are (B, S, 4, 12); widths and tolerances are shares of the widest ones.
+    All are (B, S, 4, 12); widths and tolerances are shares of the widest values.
     """
 
     score: Tensor
@@ -103,9 +103,9 @@ class GraspNetBaseline(nn.Module):
         for fine, merge in zip((3, 2), self.merges, strict=True):
             coarse = interpolated(places[fine], places[fine + 1], merged)
             merged = merge(torch.cat([features[fine], coarse], dim=-1))
-        said = self.approach(merged)
+        output = self.approach(merged)
         places_in_input = index[0].gather(1, index[1])
-        return Seeds(places[2], places_in_input, said[..., :2], said[..., 2:]), merged
+        return Seeds(places[2], places_in_input, output[..., :2], output[..., 2:]), merged
 
     def operations(
         self,
@@ -113,16 +113,16 @@ class GraspNetBaseline(nn.Module):
         origin: Tensor,  # (B, S, 3)
         rotation: Tensor,  # (B, S, 3, 3) columns approach, closing, binormal at angle 0
     ) -> Operations:
-        """Return what the points in cylinders along the approach say."""
+        """Return the predictions from the points in cylinders along the approach."""
         crops, found = self._cylinders(points, origin, rotation)
         pooled = self.crop(crops).amax(dim=3) * found[..., None]
-        said = self.operation(pooled)
-        score, angle, width = said.split(NUM_TURNS, dim=-1)
+        output = self.operation(pooled)
+        score, angle, width = output.split(NUM_TURNS, dim=-1)
         return Operations(score, angle, width, self.tolerance(pooled))
 
     @torch.no_grad()
     def _cylinders(self, points: Tensor, origin: Tensor, rotation: Tensor) -> tuple[Tensor, Tensor]:
-        """Return crops (B, S, 4, K, 3) in the frames of the seeds, and which hold any point."""
+        """Return crops (B, S, 4, K, 3) in the frames of the seeds, and whether each has a point."""
         local = torch.einsum("bsnc,bscd->bsnd", points[:, None] - origin[:, :, None], rotation)
         near = local[..., 1:].square().sum(-1) < CROP_RADIUS**2
         near &= local[..., 0] > -CROP_BEHIND
@@ -133,7 +133,7 @@ class GraspNetBaseline(nn.Module):
 
 
 class BallAbstraction(nn.Module):
-    """Features of balls: offsets over the radius joined to features, a network, the maximum."""
+    """Features of balls: relative offsets joined to features, a network, the maximum."""
 
     def __init__(self, dims: tuple[int, int, int, int], radius: float, members: int) -> None:
         super().__init__()

@@ -1,7 +1,7 @@
-"""Multi-Grasp: a detector of grasp rectangles whose classes are their orientations.
+"""Multi-Grasp: a detector of grasp rectangles with orientations as classes.
 
 Chu, Xu, Vela: Real-World Multiobject, Multigrasp Detection, RA-L 2018. `full` has the published
-layers, ResNet-50 to its fourth stage with 28,459,738 parameters; `light` the same parts on the
+layers, ResNet-50 to its fourth stage with 28,459,738 parameters; `light` has the same parts on the
 backbone of the light region detector.
 """
 
@@ -18,19 +18,19 @@ from pipelines.configs.peers import PeerNetworkConfig
 from pipelines.network.detection.backbone import LightBackbone
 from pipelines.network.detection.mask_rcnn import ANCHOR_SIZES, adapt, light_box_head
 
-ORIENTATIONS = 20  # outputs: no grasp, and 19 orientations, of which the last is the first again
+ORIENTATIONS = 20  # outputs: no grasp, and 19 orientations; the last equals the first
 RGD = 3  # channels
 SHORT_SIDES = {"light": 288, "full": 600}  # pixels of the image that the network sees
 LONG_SIDES = {"light": 512, "full": 1000}
-MIN_SCORE = 0.01  # of a grasp; the original has 0 for its precision, 0.1 in use
+MIN_SCORE = 0.01  # least score of a grasp; the original has 0 for its precision, 0.1 in use
 MOST_GRASPS_FOUND = 400
-SAME_CLASS_OVERLAP = 0.3  # of horizontal boxes beyond which the weaker is dropped
+SAME_CLASS_OVERLAP = 0.3  # overlap of horizontal boxes beyond which the weaker is dropped
 RATIOS = (0.5, 1.0, 2.0)
 LIGHT_CHANNELS, LIGHT_HEAD = 64, 256
 
 
 def build_multi_grasp(config: PeerNetworkConfig) -> FasterRCNN:
-    """Return an untrained network; it takes lists of RGD images (3, h, w), as `rgd_image` makes."""
+    """Return an untrained network; it takes lists of RGD images (3, h, w) of `rgd_tensor`."""
     model = {"light": _light, "full": _full}[config.variant]()
     adapt(model)
     return model
@@ -93,7 +93,7 @@ class _FourStages(nn.Module):
 
 
 class _ProposalHead(nn.Module):
-    """The head of proposals as published: two scores an anchor, of which the difference counts."""
+    """The published head of proposals: two scores per anchor, of which the difference counts."""
 
     def __init__(self, in_dim: int, hidden: int, anchors: int) -> None:
         super().__init__()

@@ -1,7 +1,7 @@
-"""Groups of points in balls and cylinders: the first ones found, as PointNet++'s originals have it.
+"""Groups of points in balls and cylinders: the first points inside, as in the original PointNet++.
 
-Points come in random order, so the first ones are random ones. Where fewer lie inside, the first is
-repeated.
+Points are in random order, so the first points are a random choice. If too few points are inside,
+the first is repeated.
 """
 
 import torch
@@ -42,7 +42,7 @@ def interpolated(
     points: Tensor,  # (B, N, 3)
     features: Tensor,  # (B, N, C)
 ) -> Tensor:
-    """Return features (B, M, C) of the three nearest points, weighed by inverse distance."""
+    """Return features (B, M, C) of the three nearest points, weighted by inverse distance."""
     with torch.no_grad():
         index, squared = three_nearest(queries, points)
         weight = 1.0 / (squared.clamp(min=0.0).sqrt() + FEW)

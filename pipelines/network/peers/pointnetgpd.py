@@ -1,7 +1,7 @@
 """PointNetGPD: PointNet on the points between the fingers of a grasp candidate.
 
 Liang et al.: PointNetGPD: Detecting Grasp Configurations from Point Sets, ICRA 2019. Layers are
-those of the authors' release, 1,604,620 parameters for three classes. The light variant sees fewer
+as in the authors' release, 1,604,620 parameters for three classes. The light variant sees fewer
 points.
 """
 
@@ -11,11 +11,11 @@ from torch import Tensor, nn
 from pipelines.configs.peers import PeerNetworkConfig
 
 CLASSES = 3  # bad, fair, good
-HAND_POINTS = {"light": 256, "full": 750}  # between the fingers
+HAND_POINTS = {"light": 256, "full": 750}  # points between the fingers
 
 
 class PointNetGPD(nn.Module):
-    """Points of the closing region in the hand's frame in, log-probabilities of classes out."""
+    """Network from points of the closing region, hand's frame, to log-probabilities of classes."""
 
     def __init__(self, config: PeerNetworkConfig) -> None:
         super().__init__()
@@ -25,7 +25,7 @@ class PointNetGPD(nn.Module):
 
     @property
     def num_points(self) -> int:
-        """Points of a candidate that the network sees."""
+        """Number of points of a candidate that the network sees."""
         return HAND_POINTS[self.config.variant]
 
     def forward(

@@ -7,13 +7,13 @@ from torch import Tensor
 
 from pipelines.array_types import Singles
 
-NEAREST, RANGE = 0.2, 1.2  # metres: depth from the nearest on fills 0 to 255
-# torchvision's, of ImageNet: the published network starts from its weights.
+NEAREST, RANGE = 0.2, 1.2  # metres: depths from NEAREST to NEAREST + RANGE map to 0 to 255
+# ImageNet's, from torchvision: the published network starts from ImageNet weights.
 MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
 
 def rgd_pixels(color: NDArray[np.uint8], depth: Singles) -> NDArray[np.uint8]:
-    """Return (h, w, 3) of `color` (h, w, 3) RGB and `depth` (h, w) metres, 0 = missing."""
+    """Return the RGD image (h, w, 3) of `color` (h, w, 3) RGB and `depth` (h, w) m, 0 = missing."""
     shown = np.clip(255.0 * (depth - NEAREST) / RANGE, 0.0, 255.0)
     channel = np.where(depth > 0, np.round(shown), 0.0).astype(np.uint8)
     return np.concatenate([color[..., :2], channel[..., None]], axis=2)

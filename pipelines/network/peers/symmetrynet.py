@@ -1,11 +1,11 @@
 """SymmetryNet: at each point of a region, its mirror images, its foot on the axis, the centre.
 
-Shi et al.: SymmetryNet, SIGGRAPH Asia 2020. Layers are those of the authors' release, colours by a
-PSPNet on ResNet-18 without batch norms, but for 72,060 of its 24,728,510 parameters: the unused
-classifier of PSPNet (71,189) and the weights of the points in the order of their index (1,000; the
-mean here) are left out, and the fourth mode, the sphere, is ours (129). The light variant has a
-small network for colours and heads of half the width. Points are given about their mean, in units
-of an object's size, and offsets in the same unit: the original has metres in the camera frame.
+Shi et al.: SymmetryNet, SIGGRAPH Asia 2020. Layers are as in the authors' release, with a PSPNet on
+ResNet-18 without batch norms for colours, but for 72,060 of its 24,728,510 parameters: the unused
+classifier of PSPNet (71,189) and the weights of points by their index (1,000; here a mean) are left
+out, and the fourth mode, the sphere, is ours (129). The light variant has a small network for
+colours and heads of half the width. Points are relative to their mean; points and offsets are in
+units of an object's size, where the original has metres in the camera frame.
 """
 
 from dataclasses import dataclass
@@ -21,13 +21,13 @@ from pipelines.network.peers.symmetrynet_input import CROP_SIDE
 
 SYMMETRY_MODES = ("plane", "axis", "both", "sphere")
 COLOR_DIM = 32
-UNIT = 0.05  # metres, about an object's size: of points seen, offsets said and their loss
+UNIT = 0.05  # metres, about an object's size: unit of points, predicted offsets and their loss
 LENGTHS = ("center", "mirrored", "feet", "axis_foot")  # outputs in `UNIT`
 
 
 @dataclass(frozen=True)
 class SymmetryNetSizes:
-    """Points of a region, and widths of layers: points', colours', of both, of the heads."""
+    """Points of a region, and widths of layers: for points, for colours, for both, of the heads."""
 
     num_points: int
     of_points: tuple[int, int]
@@ -44,13 +44,13 @@ SYMMETRYNET_SIZES = {
 
 @dataclass(frozen=True)
 class SymmetryOutput:
-    """What each of N points of a region says; offsets are from the point, metres.
+    """Predictions of each of N points of a region; offsets are from the point, metres.
 
     Attributes:
-        center: (B, N, 3) to the centre.
-        mirrored: (B, N, 3, 3) to its images across three planes.
-        feet: (B, N, 3, 3) to its feet on the planes.
-        axis_foot: (B, N, 3) to its foot on the axis.
+        center: (B, N, 3) offset to the centre.
+        mirrored: (B, N, 3, 3) offsets to the point's images across three planes.
+        feet: (B, N, 3, 3) offsets to the point's feet on the planes.
+        axis_foot: (B, N, 3) offset to the point's foot on the axis.
         existence: (B, N, 3) probabilities of the planes.
         mode: (B, N, 4) logits of `SYMMETRY_MODES`.
     """
@@ -64,9 +64,9 @@ class SymmetryOutput:
 
 
 class SymmetryNet(nn.Module):
-    """The colours and points of regions in, symmetries as each point sees them out."""
+    """Network from the colours and points of regions to the symmetries that each point predicts."""
 
-    unit: Tensor  # metres; stored with the weights, so that those learned from metres are refused
+    unit: Tensor  # metres; stored with the weights, so that weights learned in metres are refused
 
     def __init__(self, config: PeerNetworkConfig) -> None:
         super().__init__()
@@ -96,7 +96,7 @@ class SymmetryNet(nn.Module):
         pixels: Tensor,  # (B, N, 2) columns and rows of the points in the crop
         points: Tensor,  # (B, N, 3) metres, camera frame
     ) -> SymmetryOutput:
-        """Return what each point says."""
+        """Return the predictions of each point."""
         found = self.colors(crop)
         column, row = (pixels.long() * found.shape[-1] // CROP_SIDE).unbind(-1)
         index = (row * found.shape[-1] + column)[:, None].expand(-1, COLOR_DIM, -1)
@@ -107,16 +107,16 @@ class SymmetryNet(nn.Module):
         both = torch.cat([point_after, color_after], dim=-1)
         whole = self.joined(both).mean(dim=1, keepdim=True).expand(-1, both.shape[1], -1)
         each = torch.cat([point, color, both, whole], dim=-1)
-        said = {name: head(each).float() for name, head in self.heads.items()}
-        said |= {name: self.unit * said[name] for name in LENGTHS}
+        output = {name: head(each).float() for name, head in self.heads.items()}
+        output |= {name: self.unit * output[name] for name in LENGTHS}
         planes = (*points.shape[:2], NUM_REFLECTIONS, 3)
-        said["mirrored"], said["feet"] = (said[n].view(planes) for n in ("mirrored", "feet"))
-        said["existence"] = said["existence"].sigmoid()
-        return SymmetryOutput(**said)
+        output["mirrored"], output["feet"] = (output[n].view(planes) for n in ("mirrored", "feet"))
+        output["existence"] = output["existence"].sigmoid()
+        return SymmetryOutput(**output)
 
 
 class PSPNet(nn.Module):
-    """ResNet-18 at an eighth of the size, pooled at four scales, and back to the whole size."""
+    """ResNet-18 at an eighth of the size, pooled at four scales, then enlarged to full size."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -137,7 +137,7 @@ class PSPNet(nn.Module):
         self.last = nn.Conv2d(64, COLOR_DIM, 1)
 
     def forward(self, image: Tensor) -> Tensor:
-        """Return logarithms of shares (B, 32, S, S) at the pixels of `image` (B, 3, S, S)."""
+        """Return log-probabilities (B, 32, S, S) at the pixels of `image` (B, 3, S, S)."""
         found = self.blocks(self.stem(image))
         size = found.shape[2:]
         pooled = [
@@ -149,7 +149,7 @@ class PSPNet(nn.Module):
 
 
 class _Block(nn.Module):
-    """Two convolutions added to their input; at first they add nothing."""
+    """Two convolutions added to their input; initially they add nothing."""
 
     def __init__(self, before: int, after: int, stride: int, dilation: int) -> None:
         super().__init__()

@@ -11,7 +11,7 @@ from torch import Tensor
 from pipelines.array_types import Indices, Mask
 
 CROP_SIDE = 120  # pixels; a multiple of 40 as in the original, but the same for all regions
-MARGIN = 0.1  # of the region's longer side, on each side
+MARGIN = 0.1  # margin on each side, as a share of the region's longer side
 IMAGE_MEAN, IMAGE_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet
 
 
@@ -22,7 +22,7 @@ class RegionCrop:
     Attributes:
         image: (S, S, 3) RGB, 0 beyond the frame.
         mask: (S, S) pixels of the region.
-        pixels: (n, 2) columns and rows of its points.
+        pixels: (n, 2) columns and rows of the region's points.
     """
 
     image: NDArray[np.uint8]
@@ -33,7 +33,7 @@ class RegionCrop:
 def region_crop(color: NDArray[np.uint8], mask: Mask, pixels: Indices) -> RegionCrop:
     """Return the square about the region `mask` (H, W) of `color` (H, W, 3).
 
-    `pixels`: (n, 2) columns and rows in the frame of the points that belong to it.
+    `pixels`: (n, 2) columns and rows, in the frame, of the region's points.
     """
     first, last = pixels.min(axis=0), pixels.max(axis=0)
     side = int(np.ceil((last - first + 1).max() * (1.0 + 2.0 * MARGIN)))
@@ -58,9 +58,9 @@ def normalised_colors(
     image: Tensor,  # (B, S, S, 3) uint8
     jitter: Tensor | None = None,  # (B, 3, 4)
 ) -> Tensor:
-    """Return colours (B, 3, S, S) by ImageNet's mean and deviation, changed by `jitter` before.
+    """Return colours (B, 3, S, S) normalised by ImageNet's mean and deviation after `jitter`.
 
-    `jitter`: of each image a matrix and an offset for its colours from 0 to 1.
+    `jitter`: for each image a matrix and an offset that change its colours, 0 to 1.
     """
     colors = image.permute(0, 3, 1, 2).float() / 255.0
     if jitter is not None:

@@ -16,7 +16,7 @@ from pipelines.network.peers.pointnetgpd import PointNetGPD
 from pipelines.network.peers.symmetrynet import SymmetryNet
 from pipelines.network.weights_files import fill, read_weights
 
-# Of each method its network's name in weights files, and what makes the network.
+# For each method the network's name in weights files, and the function that makes the network.
 PEER_NETWORKS: dict[str, tuple[str, Callable[[PeerNetworkConfig], nn.Module]]] = {
     "gg-cnn": ("GG-CNN", GGCNN),
     "multi-grasp": ("Multi-Grasp", build_multi_grasp),

@@ -12,7 +12,7 @@ from symgrasp_cli.app import app
 FRAMES = Path(__file__).resolve().parents[2] / "pipelines" / "weights" / "frames"
 
 
-def test_frames_without_a_grasp_are_told_by_reason_and_only_some_are_named():
+def test_frames_without_a_grasp_are_counted_by_reason_and_only_some_are_named():
     empty = {f"f{i}": "nothing stands out" for i in range(NAMED + 2)} | {"g": "no table"}
     lines = list(GraspsSummary(frames=10, grasps=7, empty=empty, failed=1).lines())
     assert lines == [
@@ -22,7 +22,7 @@ def test_frames_without_a_grasp_are_told_by_reason_and_only_some_are_named():
     ]
 
 
-def test_infer_ends_with_its_grasps_its_empty_frames_and_what_is_next(tmp_path):
+def test_infer_ends_with_counts_of_grasps_empty_frames_and_the_next_command(tmp_path):
     frames, output = tmp_path / "frames", tmp_path / "grasps.h5"
     frames.mkdir()
     for path in FRAMES.glob("table_1*"):

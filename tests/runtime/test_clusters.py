@@ -109,7 +109,7 @@ def end_itself(item):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no such signal")
-def test_a_worker_that_is_killed_is_one_sentence(tmp_path):
+def test_a_worker_that_is_killed_is_reported_in_one_sentence(tmp_path):
     with pytest.raises(SymgraspError, match=r"a worker process was ended.*fewer --workers"):
         run_batch("toy", items(tmp_path, ["a", "b"]), end_itself, replace(QUIET, workers=2))
     work = items(tmp_path / "after", ["a", "b"])  # others do the next batch
@@ -296,14 +296,14 @@ def test_rays_workers_write_the_same_bytes_and_end_with_a_killed_owner(frames, a
 
 
 @pytest.mark.parametrize("backend", ["dask", "ray"])
-def test_a_cluster_that_is_not_installed_is_one_sentence(tmp_path, monkeypatch, backend):
+def test_a_cluster_that_is_not_installed_is_reported_in_one_sentence(tmp_path, monkeypatch, backend):
     monkeypatch.setitem(sys.modules, MODULES[backend], None)
     options = replace(QUIET, backend=backend)
     with pytest.raises(SymgraspError, match=rf'pip install "symgrasp\[{backend}\]"'):
         run_batch("toy", items(tmp_path, ["a"]), write_process, options)
 
 
-def test_a_scheduler_that_does_not_answer_is_one_sentence(tmp_path):
+def test_a_scheduler_that_does_not_answer_is_reported_in_one_sentence(tmp_path):
     options, dask = dask_of(2), pytest.importorskip("dask")
     nobody = {"scheduler-address": "tcp://127.0.0.1:9", "distributed.comm.timeouts.connect": "1s"}
     with dask.config.set(nobody), pytest.raises(SymgraspError, match=r":9 does not answer"):

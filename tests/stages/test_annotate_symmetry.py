@@ -98,7 +98,7 @@ def test_loose_meshes_need_a_folder_to_write_to(tmp_path):
         run(write_meshes(tmp_path))
 
 
-def test_a_folder_without_meshes_is_one_sentence(tmp_path):
+def test_a_folder_without_meshes_is_reported_in_one_sentence(tmp_path):
     with pytest.raises(SymgraspError, match="no meshes"):
         run(tmp_path, tmp_path / "out")
 
@@ -124,7 +124,7 @@ BAD = {
 }
 
 
-def test_bad_meshes_are_a_sentence_each_and_the_rest_is_done(tmp_path):
+def test_bad_meshes_give_one_sentence_each_and_the_rest_is_done(tmp_path):
     folder = tmp_path / "meshes"
     write_mesh(folder / "can.ply", shapes()[1])
     for name, content in BAD.items():

@@ -129,7 +129,7 @@ def test_every_run_is_compared_with_the_first(tmp_path):
     assert values == pytest.approx([0.2, -0.05])
 
 
-def test_frames_that_only_one_run_has_are_left_out_and_said(tmp_path):
+def test_frames_that_only_one_run_has_are_left_out_and_reported(tmp_path):
     paths = [write_run(tmp_path / "a", frames=5), write_run(tmp_path / "b", frames=3)]
     found = compare.run(paths, CONFIG)
     assert figure(found, "grasp_quality").frames == 6
@@ -149,7 +149,7 @@ def test_scenes_are_drawn_whole_if_asked_for(tmp_path):
         compare.run(paths, replace(CONFIG, unit="object"))
 
 
-def test_other_settings_and_labels_are_said(tmp_path):
+def test_other_settings_and_labels_are_reported(tmp_path):
     paths = [write_run(tmp_path / "a"), write_run(tmp_path / "b", gripper="franka", labels="b")]
     notes = " ".join(compare.run(paths, CONFIG).notes)
     assert "other settings: gripper franka instead of rg2" in notes
@@ -178,7 +178,7 @@ def test_records_of_another_run_than_the_report_are_refused(tmp_path):
         compare.run([first, second], CONFIG)
 
 
-def test_a_record_whose_lists_disagree_is_a_sentence(tmp_path):
+def test_a_record_whose_lists_disagree_is_reported_in_one_sentence(tmp_path):
     first, second = write_run(tmp_path / "a"), write_run(tmp_path / "b")
     scene = next(records_folder(second).iterdir())
     content = json.loads(scene.read_text())

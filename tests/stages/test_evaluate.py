@@ -285,7 +285,7 @@ def test_success_with_another_hand_or_dataset_is_refused(root, truth_file, outpu
 
 
 @pytest.mark.parametrize("content", [{"success": 3}, {"format_version": 9}])
-def test_what_is_no_success_file_is_one_sentence(root, truth_file, tmp_path, content):
+def test_what_is_no_success_file_is_reported_in_one_sentence(root, truth_file, tmp_path, content):
     success = write_success(tmp_path / "success.json", truth_file, **content)
     with pytest.raises(FormatError, match=r"success\.json"):
         run(truth_file, root, tmp_path / "report.json", success=success)

@@ -195,7 +195,7 @@ def test_every_format_gives_poses_of_the_tool_in_the_frame_of_the_robot(to, tcp,
     assert_allclose(contacts_of(to, out, len(table)), expected, atol=1e-6)
 
 
-def test_the_tool_centre_point_lies_where_it_is_said_to(grasps, tmp_path):
+def test_the_tool_centre_point_lies_where_it_is_reported_to(grasps, tmp_path):
     gripper, found = load_gripper("rg2"), {}
     for tcp in ("", "tips", "contacts", "0.12"):
         run(grasps, tmp_path / f"x{tcp}.json", to="json", tcp=tcp)
@@ -363,7 +363,7 @@ def test_a_name_that_leads_elsewhere_or_is_too_long_fails_alone(grasps, tmp_path
 
 
 @pytest.mark.parametrize("signature", [b"TREE", b"SNOD", b"HEAP", b"GCOL", b'{"config"'])
-def test_a_damaged_file_is_a_sentence_and_leaves_nothing(signature, grasps, tmp_path):
+def test_a_damaged_file_is_reported_in_one_sentence_and_leaves_nothing(signature, grasps, tmp_path):
     data = grasps.read_bytes()
     places = [match.start() for match in re.finditer(re.escape(signature), data)]
     assert places

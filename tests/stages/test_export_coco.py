@@ -245,7 +245,7 @@ def test_a_share_of_nothing_holds_no_scene_out(root, tmp_path):
     assert not coco(tmp_path, "val").getImgIds()
 
 
-def test_a_dataset_of_another_maker_is_one_sentence(tmp_path):
+def test_a_dataset_of_another_maker_is_reported_in_one_sentence(tmp_path):
     path = coco_instances.annotations_path(tmp_path, "train")
     path.parent.mkdir()
     path.write_text(json.dumps({"images": [{"id": 1, "file_name": "a.png"}], "annotations": []}))

@@ -84,7 +84,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("stage", STAGES)
-def test_scenes_at_fault_are_a_sentence_each_and_the_rest_is_done(root, tmp_path, stage):
+def test_scenes_at_fault_give_one_sentence_each_and_the_rest_is_done(root, tmp_path, stage):
     for number, (damage, _) in enumerate(FAULTS.values(), start=SCENES[0] + 1):
         shutil.copytree(root.scene_folder(SCENES[0]), root.scene_folder(number))
         damage(root.scene_folder(number) / "realsense")
@@ -108,7 +108,7 @@ def test_what_was_cut_from_another_mesh_is_not_reused(root, tmp_path, stage):
     assert all("other settings or inputs" in why for why in report.failed.values())
 
 
-def test_masks_of_a_coco_dataset_of_another_size_are_a_sentence(root, tmp_path):
+def test_masks_of_a_coco_dataset_of_another_size_are_reported_in_one_sentence(root, tmp_path):
     exported(root, tmp_path / "coco")
     coco = GraspNetRoot(tmp_path / "coco")
     frame = coco_instances.read_coco_frames(coco.root, "train")[0]

@@ -75,7 +75,7 @@ def test_meshes_are_read_beside_the_file(tmp_path):
         ('<child link="right"/>', '<child link="left"/>', "hangs on two joints"),
     ],
 )
-def test_what_is_no_parallel_gripper_is_a_sentence(old, new, said, tmp_path):
+def test_what_is_no_parallel_gripper_is_reported_in_one_sentence(old, new, said, tmp_path):
     with pytest.raises(FormatError, match=said):
         measured(tmp_path, URDF.replace(old, new))
 
@@ -95,7 +95,7 @@ def test_the_command_writes_a_file_that_infer_takes_and_a_picture(tmp_path):
     assert CliRunner().invoke(app, ["gripper", "from-urdf", str(out)]).exit_code == 2
 
 
-def test_odd_measures_are_said(tmp_path):
+def test_odd_measures_are_reported(tmp_path):
     config = GripperConfig(tip_reach=0.06)
     (tmp_path / "g.urdf").write_text(URDF)
     report = gripper.run(str(tmp_path / "g.urdf"), config)

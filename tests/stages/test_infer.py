@@ -408,7 +408,7 @@ def test_unknown_names_list_the_known_ones(frames, tmp_path, wrong):
         run(frames, tmp_path / "g.h5", config=dataclasses.replace(CONFIG, **wrong))
 
 
-def test_a_folder_without_frames_is_one_sentence(tmp_path):
+def test_a_folder_without_frames_is_reported_in_one_sentence(tmp_path):
     with pytest.raises(SymgraspError, match="no RGB-D frames"):
         run(tmp_path, tmp_path / "g.h5")
 

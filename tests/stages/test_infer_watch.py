@@ -398,7 +398,7 @@ def test_without_a_frame_nothing_is_written(cell):
     assert not cell.output.exists()
 
 
-def test_wishes_that_cannot_be_met_are_one_sentence_each(cell, tmp_path):
+def test_wishes_that_cannot_be_met_give_one_sentence_each(cell, tmp_path):
     with pytest.raises(SymgraspError, match="--masks"):
         cell.follow(masks=tmp_path)
     for options in ({"workers": 2}, {"backend": "dask"}, {"dry_run": True}):

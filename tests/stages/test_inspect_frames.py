@@ -44,7 +44,7 @@ def test_frames_of_another_camera_are_told_apart(tmp_path: Path) -> None:
     assert len(inspect_frames.run(tmp_path, CONFIG).groups) == 2
 
 
-def test_what_is_odd_is_said(tmp_path: Path) -> None:
+def test_what_is_odd_is_reported(tmp_path: Path) -> None:
     build.flat(tmp_path)
     twice = np.repeat(np.repeat(build.color(0), 2, axis=0), 2, axis=1)
     build.image(tmp_path / "0_color.png", twice)

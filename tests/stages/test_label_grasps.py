@@ -341,7 +341,7 @@ def test_points_follow_the_area_within_bounds() -> None:
     assert label_grasps.number_of_points(box(1.0), config) == 3500
 
 
-def test_no_meshes_is_one_sentence(tmp_path: Path) -> None:
+def test_no_meshes_is_reported_in_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(SymgraspError, match="does not exist"):
         label(tmp_path / "none", tmp_path / "out")
     (tmp_path / "empty").mkdir()

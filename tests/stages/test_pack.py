@@ -173,7 +173,7 @@ def test_a_scene_whose_pictures_were_replaced_is_not_reused(root, tmp_path):
     assert "other settings or inputs" in again.failed[NAME]
 
 
-def test_a_split_without_scenes_is_one_sentence(root, tmp_path):
+def test_a_split_without_scenes_is_reported_in_one_sentence(root, tmp_path):
     with pytest.raises(SymgraspError, match="novel scene"):
         pack.run(root.root, tmp_path, CONFIG, split="novel", options=QUIET)
 
@@ -291,7 +291,7 @@ FAULTS = {
 }
 
 
-def test_scenes_at_fault_are_a_sentence_each_and_the_rest_is_packed(root, tmp_path):
+def test_scenes_at_fault_give_one_sentence_each_and_the_rest_is_packed(root, tmp_path):
     other = GraspNetRoot(shutil.copytree(root.root, tmp_path / "copy"))
     for number, (damage, _) in enumerate(FAULTS.values(), start=1):
         shutil.copytree(other.scene_folder(0), other.scene_folder(number))

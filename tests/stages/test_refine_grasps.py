@@ -360,7 +360,7 @@ def damaged(root, tmp_path, damages):
     return refine_grasps.run(other.root, CONFIG, options=QUIET)
 
 
-def test_bad_labels_are_a_sentence_each_and_the_rest_is_done(root, tmp_path):
+def test_bad_labels_give_one_sentence_each_and_the_rest_is_done(root, tmp_path):
     def changed(**arrays):
         def damage(good, bad):
             with np.load(good) as content:

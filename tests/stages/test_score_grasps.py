@@ -175,7 +175,7 @@ def test_what_is_beyond_all_measure_is_named_and_what_is_only_far_touches_nothin
     assert verdicts["found"][5] or compatible  # the peer loses contacts on flat faces
 
 
-def test_a_mesh_with_holes_is_scored_and_said_to_have_some(mesh_path):
+def test_a_mesh_with_holes_is_scored_and_reported_to_have_some(mesh_path):
     mesh = box(*SIDES)
     write_mesh(mesh_path, Mesh(mesh.vertices, mesh.faces[:-1]))
     report, _ = run(mesh_path, rows_across(), compatible=True)

@@ -105,14 +105,14 @@ def bomb() -> str:
         (post(name=3), "no short text"),
     ],
 )
-def test_what_is_no_frame_is_one_sentence(frame, said):
+def test_what_is_no_frame_is_reported_in_one_sentence(frame, said):
     answer = client_of(max_pixels=1_000_000).post("/grasps", json=frame)
     assert answer.status_code == 400
     assert said in answer.json()["error"]
     assert "\n" not in answer.json()["error"]
 
 
-def test_a_name_with_half_a_character_is_one_sentence():
+def test_a_name_with_half_a_character_is_reported_in_one_sentence():
     body, headers = json.dumps(post(name="\ud800")), {"content-type": "application/json"}
     answer = client_of().post("/grasps", content=body, headers=headers)
     assert answer.status_code == 400
@@ -120,7 +120,7 @@ def test_a_name_with_half_a_character_is_one_sentence():
 
 
 @pytest.mark.parametrize("units", [[1000], "1000", {"x": 1000}, float("nan")])
-def test_units_that_are_no_number_are_one_sentence(units):
+def test_units_that_are_no_number_are_reported_in_one_sentence(units):
     client = client_of(lambda color, depth, **options: frame_of(color, depth, [9] * 4, units))
     answer = client.post("/grasps", json=post())
     assert answer.status_code == 400
@@ -138,7 +138,7 @@ def test_sizes_types_and_depths_of_bodies_have_limits():
     assert client.post("/grasps", content=b"{}", headers=plain).status_code == 415
 
 
-def test_errors_of_a_frame_are_sentences_and_faults_are_kept_inside():
+def test_errors_of_a_frame_are_reported_in_one_sentence_and_faults_are_kept_inside():
     def refuse(*_args, **_options):
         raise SymgraspError("depth is in millimetres")
 

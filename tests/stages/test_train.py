@@ -121,7 +121,7 @@ def test_a_dataset_root_is_no_packed_folder(tmp_path):
         train.region_sets(tmp_path, None, CONFIG, 0)
 
 
-def test_a_damaged_checkpoint_is_one_sentence(packed, tmp_path):
+def test_a_damaged_checkpoint_is_reported_in_one_sentence(packed, tmp_path):
     path = tmp_path / "network.safetensors"
     checkpoint, resumed = file_of_run(path, CHECKPOINT), replace(REQUEST, resume=True)
     with stopped_after(1):
@@ -133,7 +133,7 @@ def test_a_damaged_checkpoint_is_one_sentence(packed, tmp_path):
             train.run(packed, None, path, CONFIG, resumed)
 
 
-def test_a_checkpoint_of_another_network_is_one_sentence(packed, tmp_path):
+def test_a_checkpoint_of_another_network_is_reported_in_one_sentence(packed, tmp_path):
     path = tmp_path / "network.safetensors"
     with stopped_after(1):
         train.run(packed, None, path, CONFIG, REQUEST)

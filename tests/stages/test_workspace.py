@@ -66,7 +66,7 @@ def test_a_folder_of_others_is_not_replaced(tmp_path):
         workspace.run(FRAMES, tmp_path, ONE)
 
 
-def test_regions_outside_of_a_workspace_are_said_to_lie_where_they_do():
+def test_regions_outside_of_a_workspace_are_reported_to_lie_where_they_do():
     message = planned(box=(5.0, 5.0, 5.0, 6.0, 6.0, 6.0)).message
     assert "lies in the workspace; their middles lie at x " in message
     assert "m in the camera's frame" in message

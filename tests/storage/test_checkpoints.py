@@ -76,7 +76,7 @@ def test_a_resumed_training_takes_the_same_steps(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kept", [0, 5, 40])
-def test_truncated_weights_are_one_sentence(tmp_path: Path, kept: int) -> None:
+def test_truncated_weights_are_reported_in_one_sentence(tmp_path: Path, kept: int) -> None:
     path = tmp_path / "w.safetensors"
     checkpoints.save_weights(path, {"x": torch.ones(30)}, {"a": "b"})
     path.write_bytes(path.read_bytes()[:kept])

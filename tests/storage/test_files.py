@@ -47,7 +47,7 @@ def test_json_round_trips_and_bad_json_is_named(tmp_path):
         files.read_json(path)
 
 
-def test_a_missing_file_is_a_sentence(tmp_path):
+def test_a_missing_file_is_reported_in_one_sentence(tmp_path):
     with pytest.raises(SymgraspError, match="does not exist"):
         files.read_npy(tmp_path / "none.npy")
 

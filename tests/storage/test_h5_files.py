@@ -51,7 +51,7 @@ def test_no_changed_byte_reaches_hdf5(sound, tmp_path_factory, data):
 
 @settings(max_examples=50, deadline=None)
 @given(share=st.floats(0.0, 0.999))
-def test_a_cut_off_file_is_a_sentence(sound, tmp_path_factory, share):
+def test_a_cut_off_file_is_reported_in_one_sentence(sound, tmp_path_factory, share):
     whole = sound.read_bytes()
     cut = tmp_path_factory.mktemp("cut") / "x.h5"
     cut.write_bytes(whole[: int(share * (len(whole) - SEAL.size))])

@@ -1,4 +1,4 @@
-"""Weights of critics are opened if they name the features that are computed, and else refused."""
+"""Weights of critics are opened only if they name the features that the code computes."""
 
 import json
 

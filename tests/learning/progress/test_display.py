@@ -17,7 +17,7 @@ def test_without_a_terminal_there_are_lines(caplog, capsys):
     ]
 
 
-def test_a_bar_shows_the_time_left_and_keeps_what_is_said(capsys):
+def test_a_bar_shows_the_time_left_and_keeps_what_is_reported(capsys):
     with Display(shown=True, bar=True, seconds=0.0) as display:
         display.step("1/3", 5, 10, LOSSES, 90.0)
         display._bar.refresh()

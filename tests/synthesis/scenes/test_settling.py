@@ -68,7 +68,7 @@ def test_of_procedural_objects_the_origin_is_the_middle_to_the_last_bit(pool):
     assert_array_equal(layout.centre, by_origin.poses[:, :3, 3].mean(axis=0))
 
 
-def test_what_is_no_body_is_a_sentence():
+def test_what_is_no_body_is_reported_in_one_sentence():
     for mesh in (SHEET, Mesh(1e-6 * SHEET.vertices, SHEET.faces)):
         with pytest.raises(SymgraspError, match="make no solid body"):
             refuse_bodiless([mesh])

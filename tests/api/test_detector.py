@@ -180,7 +180,9 @@ def test_nothing_is_written_and_no_picture_kept(light, tmp_path, monkeypatch):
         ({"grasp_critic": "none.safetensors"}, MissingInputError, "none.safetensors does not"),
     ],
 )
-def test_files_and_names_that_cannot_be_loaded_are_reported_when_the_detector_is_made(options, kind, sentence):
+def test_files_and_names_that_cannot_be_loaded_are_reported_when_the_detector_is_made(
+    options, kind, sentence
+):
     with pytest.raises(kind, match=sentence):
         GraspDetector(**options)
 

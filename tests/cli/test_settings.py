@@ -68,7 +68,9 @@ def test_a_misspelt_setting_is_wrong_usage_and_the_nearest_name_is_suggested(sco
         (["--config", "none.toml"], "none.toml"),
     ],
 )
-def test_wrong_settings_are_reported_in_one_sentence(scored, tmp_path, monkeypatch, arguments, sentence):
+def test_wrong_settings_are_reported_in_one_sentence(
+    scored, tmp_path, monkeypatch, arguments, sentence
+):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "bad.toml").write_text("clipwidth = 0.1\n")
     result = run(*scored, *arguments)

@@ -124,7 +124,9 @@ def test_a_misspelt_setting_is_refused_with_the_nearest_name_and_all_known_names
         ({"selection": {"a": {"b": {"c": {"d": {"e": {"f": {"g": {"h": 1}}}}}}}}}, "tables deep"),
     ],
 )
-def test_a_wrong_type_or_a_number_out_of_range_is_refused_with_the_allowed_values(settings, expected):
+def test_a_wrong_type_or_a_number_out_of_range_is_refused_with_the_allowed_values(
+    settings, expected
+):
     with pytest.raises(SettingError, match=expected):
         from_settings(InferConfig, settings)
 

@@ -92,7 +92,9 @@ def test_a_missing_mesh_and_a_foreign_suffix_are_reported_in_one_sentence(tmp_pa
         read_mesh(tmp_path / "part.docx")
 
 
-def test_a_mesh_in_millimetres_gives_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_mesh_in_millimetres_gives_a_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     write_mesh(tmp_path / "large.ply", box(100.0))
     with caplog.at_level(logging.WARNING):
         read_mesh(tmp_path / "large.ply")
@@ -189,7 +191,9 @@ def test_a_mesh_of_another_format_is_refused_with_the_way_to_convert_it(tmp_path
 
 
 @pytest.mark.skipif(not CASE.exists(), reason="needs ../shared/cases")
-def test_the_meshes_of_the_shared_folder_that_are_passed_over_are_named(caplog: pytest.LogCaptureFixture) -> None:
+def test_the_meshes_of_the_shared_folder_that_are_passed_over_are_named(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     with caplog.at_level(logging.WARNING):
         assert [path.name for path in find_meshes(CASE)] == ["nested.glb"]
     assert (

@@ -67,7 +67,9 @@ def test_the_list_of_objects_comes_back_in_order(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [{}, {"objects": [{"name": "x"}]}, {"objects": [3]}])
-def test_a_wrong_list_of_objects_is_reported_in_one_sentence(tmp_path: Path, content: object) -> None:
+def test_a_wrong_list_of_objects_is_reported_in_one_sentence(
+    tmp_path: Path, content: object
+) -> None:
     (tmp_path / "objects.json").write_text(json.dumps(content))
     with pytest.raises(FormatError, match=r"objects\.json"):
         object_list.read(tmp_path / "objects.json")

@@ -32,7 +32,9 @@ class Message:
         assert name in fields, f"{self.TYPE} has no {name}"
         kind, content = fields[name]
         if kind.value == BASE:
-            assert isinstance(value, NUMBERS.get(content[0], int)), f"{name} of {self.TYPE}: {value!r}"
+            assert isinstance(value, NUMBERS.get(content[0], int)), (
+                f"{name} of {self.TYPE}: {value!r}"
+            )
         elif kind.value == NAME:
             assert content == value.TYPE, f"{name} of {self.TYPE} is a {value.TYPE}"
         elif not isinstance(value, bytes):

@@ -49,9 +49,7 @@ def test_a_file_of_many_frames_is_read_once(files: tuple[Path, ...], read: list[
     assert read == [files[0]]
 
 
-def test_digests_of_unchanged_files_are_reused(
-    files: tuple[Path, ...], read: list[Path]
-) -> None:
+def test_digests_of_unchanged_files_are_reused(files: tuple[Path, ...], read: list[Path]) -> None:
     stamp = stamp_of(FrameInputs({}, files))
     read.clear()
     module._digest.cache_clear()
@@ -80,5 +78,7 @@ def test_digests_of_changed_files_are_computed_again(
     now = digest(files[0]) if files[0].exists() else UNREADABLE
     assert again["0 0.png"] == now
     again = FrameInputs({}, files)
-    again.take_over(stamp, unseen=True)  # results of this run stay valid even if their files change now
+    again.take_over(
+        stamp, unseen=True
+    )  # results of this run stay valid even if their files change now
     assert dict(again) == stamp["inputs"]

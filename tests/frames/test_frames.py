@@ -203,7 +203,9 @@ def test_a_folder_without_frames_is_refused_with_the_expected_names(tmp_path: Pa
         find_frames(tmp_path / "holiday.jpg")
 
 
-def test_a_frame_without_intrinsics_is_refused_with_the_option_for_them(tmp_path: Path, save: Save) -> None:
+def test_a_frame_without_intrinsics_is_refused_with_the_option_for_them(
+    tmp_path: Path, save: Save
+) -> None:
     save(tmp_path / "x_color.png", tmp_path / "x_depth.png", None)
     assert "--intrinsics" in only_error(tmp_path)
 

@@ -30,7 +30,9 @@ def test_a_record_is_found_again_when_file_and_frames_move_together(tmp_path: Pa
     assert back.stated == FrameOptions(camera, 5000.0)
 
 
-def test_missing_or_unknown_frames_give_one_sentence_unless_a_folder_is_given(tmp_path: Path) -> None:
+def test_missing_or_unknown_frames_give_one_sentence_unless_a_folder_is_given(
+    tmp_path: Path,
+) -> None:
     grasps = tmp_path / "grasps.h5"
     attrs = attributes(FramesRecord(tmp_path / "frames", FrameOptions(None, 10.0)), grasps)
     with pytest.raises(FormatError, match="give --frames"):

@@ -79,9 +79,7 @@ def test_children_in_another_order_are_read_by_their_tags(
         assert_array_equal(read.T_cam_obj, known.T_cam_obj)
 
 
-def test_objects_in_another_order_keep_their_poses(
-    tmp_path: Path, poses: list[ObjectPose]
-) -> None:
+def test_objects_in_another_order_keep_their_poses(tmp_path: Path, poses: list[ObjectPose]) -> None:
     scene.write_annotation(tmp_path / "a.xml", poses[::-1])
     scene.write_meta(tmp_path / "a.mat", poses, K)
     read = scene.read_poses(tmp_path / "a.xml", tmp_path / "a.mat")
@@ -181,7 +179,9 @@ def test_wrong_meta_poses_are_read_back_unchanged(
     assert_array_equal(read, np.stack([p.T_cam_obj for p in spoilt]))
 
 
-def test_a_truncated_mat_is_reported_in_one_sentence(tmp_path: Path, poses: list[ObjectPose]) -> None:
+def test_a_truncated_mat_is_reported_in_one_sentence(
+    tmp_path: Path, poses: list[ObjectPose]
+) -> None:
     path = tmp_path / "0000.mat"
     scene.write_meta(path, poses, K)
     path.write_bytes(path.read_bytes()[:200])

@@ -77,7 +77,9 @@ def test_three_equal_channels_are_read_as_one(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("bits", [2, 8])
-def test_a_palette_image_is_read_by_its_indices_and_not_its_colours(tmp_path: Path, bits: int) -> None:
+def test_a_palette_image_is_read_by_its_indices_and_not_its_colours(
+    tmp_path: Path, bits: int
+) -> None:
     ids = np.array([[0, 1, 1, 0], [2, 2, 3, 0]], np.uint8)
     if bits == 8:
         ids[0, 3] = 255  # outlines, as PASCAL VOC's masks have them

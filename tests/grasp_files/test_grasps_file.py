@@ -137,7 +137,9 @@ def test_the_public_columns_have_their_types_and_units(
         assert file["regions/mask_start"].shape == (6,)
 
 
-def test_a_truncated_file_is_reported_in_one_sentence(tmp_path: Path, results: list[FrameResult]) -> None:
+def test_a_truncated_file_is_reported_in_one_sentence(
+    tmp_path: Path, results: list[FrameResult]
+) -> None:
     path = tmp_path / "g.h5"
     grasps_file.write(path, results, STAMP)
     path.write_bytes(path.read_bytes()[:3000])
@@ -222,7 +224,9 @@ def test_grasps_of_each_frame_are_ordered_by_their_scores(
         assert sorted(table.rank_in_frame[mine]) == list(range(mine.sum()))
 
 
-def test_a_file_of_version_2_gets_its_order_and_the_mark_of_grasps_worth_trying(tmp_path: Path) -> None:
+def test_a_file_of_version_2_gets_its_order_and_the_mark_of_grasps_worth_trying(
+    tmp_path: Path,
+) -> None:
     found = result("a", 2, 6)
     scores = {"rank_score": np.linspace(0.1, 0.9, 6), "rank_in_frame": np.zeros(0)}
     critic = replace(found.grasps, ranker=np.full(6, "critic", object), **scores)

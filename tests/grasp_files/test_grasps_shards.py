@@ -46,7 +46,9 @@ def test_a_shard_gives_the_columns_of_its_frame(tmp_path: Path, frame: FrameResu
     assert shard_sizes(path) == (len(frame.regions), len(frame.grasps), runs)
 
 
-def test_columns_of_a_sound_shard_are_read_without_building_its_frame(shard: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_columns_of_a_sound_shard_are_read_without_building_its_frame(
+    shard: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(grasps_stream, "read_shard", None)
     assert_same_tables(shard_tables(shard), tables_of([FRAMES[3]]))
 

@@ -151,7 +151,7 @@ def test_a_pair_across_the_axis_is_counted_once_per_half_turn():
     contacts = np.array([[[-0.02, 0.0, 0.0], [0.02, 0.0, 0.0]]])
     grasps = GraspPoses.from_contacts(contacts, np.array([[0.0, 0.0, 1.0]]))
     axis = RotationSymmetry(np.array([0.0, 0.0, 1.0]), np.zeros(3))
-    assert len(symmetrized(grasps, axis)[0]) == 6  # each of 12 turns equals the opposite turn with fingers swapped
+    assert len(symmetrized(grasps, axis)[0]) == 6  # opposite ones of 12 turns swap fingers
 
 
 def test_the_copies_on_a_ball_reach_all_its_sides():

@@ -22,9 +22,7 @@ def cores(monkeypatch):
 
 @pytest.mark.usefixtures("cores")
 @pytest.mark.parametrize(("frames", "backend", "workers"), [(15, "threading", 4), (16, "loky", 2)])
-def test_many_frames_get_two_processes_unless_a_number_is_set(
-    frames, backend, workers
-):
+def test_many_frames_get_two_processes_unless_a_number_is_set(frames, backend, workers):
     found = side_by_side(UNSAID, frames, "cpu")
     assert (found.backend, found.workers) == (backend, workers)
     assert side_by_side(OPTIONS, frames, "cpu").backend == "threading"

@@ -1,4 +1,4 @@
-"""Progress off the terminal: lines on stderr while a batch goes on, and what they say."""
+"""Progress without a terminal: lines on stderr while a batch runs, and their content."""
 
 import io
 import sys
@@ -17,11 +17,11 @@ from pipelines.storage.provenance import make_stamp
 @pytest.mark.parametrize(
     ("seconds", "text"), [(-3, "0:00"), (59.6, "1:00"), (3599, "59:59"), (7322, "2:02:02")]
 )
-def test_durations_are_read_at_a_glance(seconds, text):
+def test_durations_are_written_in_short_form(seconds, text):
     assert duration(seconds) == text
 
 
-def test_a_line_says_how_many_of_how_many_and_the_time_left():
+def test_a_line_states_the_finished_items_and_the_time_left():
     assert line("infer", 30, 120, 60.0) == "infer: 30 of 120 done, 3:00 left"
     assert line("infer", 0, 120, 60.0) == "infer: 0 of 120 done"
 

@@ -83,7 +83,9 @@ def test_a_rejected_candidate_is_accepted(tmp_path):
         ({"accept": {"index": 1}}, "has no rejected candidate 1; it has 1"),
     ],
 )
-def test_a_missing_symmetry_is_reported_in_one_sentence_that_lists_the_known_ones(tmp_path, entry, sentence):
+def test_a_missing_symmetry_is_reported_in_one_sentence_that_lists_the_known_ones(
+    tmp_path, entry, sentence
+):
     with pytest.raises(SymgraspError, match=sentence):
         applied(tmp_path, entry)
 

@@ -31,7 +31,9 @@ def test_a_frame_without_a_camera_is_refused_with_the_option_for_it(tmp_path: Pa
 @pytest.mark.parametrize(
     "color", [np.zeros((4, 4), np.uint8), build.color(0).astype(float), np.zeros((0, 4, 3), "u1")]
 )
-def test_colour_of_a_wrong_shape_or_type_is_reported_in_one_sentence(tmp_path: Path, color: np.ndarray) -> None:
+def test_colour_of_a_wrong_shape_or_type_is_reported_in_one_sentence(
+    tmp_path: Path, color: np.ndarray
+) -> None:
     assert "`rgb` is" in refusal(tmp_path, depth=METRES, K=build.K, rgb=color)
 
 

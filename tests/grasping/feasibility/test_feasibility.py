@@ -49,7 +49,7 @@ def test_a_path_is_free_if_no_pose_along_it_meets_an_obstacle(seed, name):
         pose = replace(grasps, translation=grasps.translation - step * grasps.approach)
         met |= bodies_meet(pose, gripper, scene, ANY_POINT)[0]
     assert not free(grasps, scene, gripper=gripper)[met].any()
-    # No other obstacle is on the path: it is free if no point is closer than half a step.
+    # A path is free if all points keep clear by more than the gap between two steps.
     slim = replace(CONFIG, body_margin=CONFIG.body_margin - 0.0011, approach_distance=0.098)
     assert free(grasps, scene, gripper=gripper, config=slim)[~met].all()
 

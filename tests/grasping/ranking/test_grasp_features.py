@@ -83,7 +83,7 @@ def test_each_block_of_features_has_as_many_columns_as_names_and_no_name_is_give
     assert len(set(CANDIDATE_FEATURES)) == len(CANDIDATE_FEATURES)
 
 
-def test_points_are_those_about_the_fingers_with_their_kind_and_height():
+def test_points_around_the_fingers_have_their_kind_and_height():
     (rows,) = views(hands()).points()
     assert (np.abs(rows[:, BESIDE]) <= 2.5).all()
     assert (rows[:, KIND].sum(axis=1) == 1).all()

@@ -1,7 +1,7 @@
-"""Symmetries found on objects made by hand: `python -m tests.mesh_symmetry.varied SEED...`.
+"""Symmetries found on constructed objects: `python -m tests.mesh_symmetry.varied SEED...`.
 
-Each seed draws 17 bodies of revolution and 13 other objects; each is annotated as it is, with noise
-and with a hole. Prints every fault, and a table for all seeds.
+Each seed draws 17 bodies of revolution and 13 other objects; each is annotated unchanged, with noise
+and with a hole. The command prints every fault, and a table for all seeds.
 """
 
 import sys
@@ -65,7 +65,7 @@ def objects(seed: int) -> Iterator[tuple[str, Varied]]:
 
 
 def generator(draw: Callable[..., object], seed: int) -> np.random.Generator:
-    """Return the random numbers from which the object of `draw` is made."""
+    """Return the random generator of the object of `draw`."""
     return np.random.default_rng(zlib.crc32(f"{draw.__name__} {seed}".encode()))
 
 

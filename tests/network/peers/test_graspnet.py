@@ -1,4 +1,4 @@
-"""GraspNet's baseline against what is published of it, and its groups against plain ones."""
+"""GraspNet's baseline against its published figures, and its groups against plain loops."""
 
 import pytest
 import torch

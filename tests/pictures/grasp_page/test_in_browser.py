@@ -1,4 +1,4 @@
-"""The page in a real browser, where there is one: it draws, is turned, and answers clicks."""
+"""The page in a real browser, where there is one: drawing, turning, and clicks."""
 
 import base64
 import json
@@ -29,7 +29,7 @@ FLAGS = (
 )  # fmt: skip
 FRAME, INDEX = toy_frame()
 GRIPPER = load_gripper("rg2")
-# What a person would do, and what is then on the page, as the text of an element.
+# Imitates a person, and then writes the state of the page as the text of an element.
 VISITOR = """
 const told = {errors: [], hits: [], facts: {}};
 addEventListener("error", (event) => told.errors.push(event.message));
@@ -107,7 +107,7 @@ def visited(page: Path) -> dict:
     return json.loads(found[1].replace("&gt;", ">").replace("&lt;", "<")) | {"console": console}
 
 
-def test_grasps_are_clicked_and_tell_their_figures(tmp_path):
+def test_clicked_grasps_show_their_figures(tmp_path):
     told = visited(page_for(tmp_path, 5))
     assert (told["errors"], told["console"], told["trouble"]) == ([], [], "")
     assert (told["regions"], told["most"], told["shown"]) == (2, "3", "3")
@@ -115,7 +115,10 @@ def test_grasps_are_clicked_and_tell_their_figures(tmp_path):
     best = toy_result(FRAME, INDEX).grasps
     rows = np.flatnonzero(best.is_best)
     facts = {text.split("|")[2][0]: text.split("|") for text in told["hits"]}
-    assert sorted(facts) == ["0", "1"]  # only the best of each region is shown, and can be hit
+    assert sorted(facts) == [
+        "0",
+        "1",
+    ]  # only the best grasp of each region is shown and can be clicked
     for row in rows:
         score, rank, region, source, symmetry, width, *_ = facts[str(best.region[row])]
         assert score.partition(",")[0] == f"{best.rank_score[row]:.4f}"
@@ -141,12 +144,12 @@ def test_without_grasps_and_from_the_camera_the_page_shows_the_photograph(tmp_pa
     drawn = seen[np.round(y - 0.5).astype(int), np.round(x - 0.5).astype(int)]
     off = np.abs(drawn - FRAME.color[rows, columns])
     far = INDEX[rows, columns] < 0  # regions are tinted
-    assert np.percentile(off[far], 95) < 6  # the rest lies beneath symmetries
+    assert np.percentile(off[far], 95) < 6  # other pixels are beneath symmetries
     assert np.median(off[far]) <= 1
 
 
 @pytest.mark.skipif(NODE is None, reason="no node is installed")
-def test_grippers_and_rays_of_the_scripts_are_those_of_python(tmp_path):
+def test_grippers_and_rays_of_the_scripts_equal_those_of_python(tmp_path):
     table = toy_result(FRAME, INDEX).grasps
     grasp = {
         "rotation": table.rotation[1].ravel().tolist(),
@@ -180,6 +183,6 @@ def test_grippers_and_rays_of_the_scripts_are_those_of_python(tmp_path):
     assert max(distance) < 2e-5
     assert len(wanted) == 24
     clip = np.array(said["clip"]).reshape(4, 4).T @ [0.1, 0.2, 0.9, 1.0]
-    assert np.abs(clip[:2] / clip[3]).max() < 1e-6  # what is looked at is in the middle
+    assert np.abs(clip[:2] / clip[3]).max() < 1e-6  # the target of the view is in the middle
     assert (said["box"], said["miss"]) == (3, False)
     np.testing.assert_allclose(said["turned"], [0, 1, 0], atol=1e-12)

@@ -3,7 +3,7 @@
 Tensors moved to it stay in this machine's memory and are recorded; results of operations on them
 are recorded too. As on a GPU, errors are raised by: tensors of both places in one operation, except
 single numbers and indices on the CPU into a tensor on the GPU; arrays of tensors on the GPU; and
-random numbers on the GPU from a generator of the CPU. Only the thread that enters the context sees it.
+random numbers on the GPU from a CPU generator. Only the thread that enters the context sees it.
 """
 
 from contextlib import contextmanager
@@ -29,7 +29,7 @@ BESIDE = {
 
 
 def tensors_of(*trees):
-    """The tensors in lists, tuples and dictionaries; torch's own search takes three times as long."""
+    """The tensors in lists, tuples and dictionaries; torch's own search is three times slower."""
     found = []
     for tree in trees:
         if isinstance(tree, torch.Tensor):

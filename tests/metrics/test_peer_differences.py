@@ -1,9 +1,9 @@
 """Causes of the differences of our exact verdicts from a peer's 6,000, shown and counted.
 
-There are three. The peer misses a contact where distances are exactly linear along the finger's way.
-It fits normals to those of 27 probes around the contact that are near the surface. The probes are a
-fixed lattice, so even on an endless plane the fit turns towards the lattice's axes unless the plane
-is parallel to them. Where an edge is within reach of the probes, the fit includes the faces beyond.
+There are three. The peer misses a contact where distances are exactly linear along the finger's
+way. It fits normals to those of 27 probes around the contact that are near the surface. The probes
+are a fixed lattice, so even on an endless plane the fit turns towards the lattice's axes unless the
+plane is parallel to them. At edges within reach of the probes, the fit includes the faces beyond.
 """
 
 from pathlib import Path

@@ -83,8 +83,8 @@ def test_a_scaled_copy_keeps_every_plane_and_axis(seed):
         expected = mirrored(
             scaled.points[row], scaled.direction[row, slot], scaled.center[row, slot]
         )
-        # A direction may be off by `ALIGNMENT` from one that keeps the symmetry exactly. Scaling along
-        # it by s and mirroring then differ by their order by 2 (s - 1) cos times the distance.
+        # A direction may be off by `ALIGNMENT` from one that keeps the symmetry exactly. Scaling
+        # along it by s and mirroring then differ, by order, by 2 (s - 1) cos times the distance.
         farthest = float((points - center).norm(dim=-1).max())
         off = 2.0 * (STILL.principal_scale - 1.0) * augmentation.ALIGNMENT * farthest
         torch.testing.assert_close(image, expected, rtol=0.0, atol=off)

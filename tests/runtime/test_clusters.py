@@ -207,7 +207,7 @@ main()
 """
 
 
-def test_a_command_uses_no_workers_where_the_system_has_no_semaphores(frames, alone):
+def test_a_command_starts_no_workers_where_the_system_has_no_semaphores(frames, alone):
     output = frames.parent / "without.h5"
     command = [sys.executable, "-c", WITHOUT_SEMAPHORES, "infer", str(frames), "--out", str(output)]
     options = ["--regions", "geometric", "--method", "planar", "--workers", "2"]

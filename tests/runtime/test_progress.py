@@ -41,7 +41,7 @@ def test_lines_come_while_one_item_takes_long(monkeypatch):
     assert all(text.startswith("toy: ") for text in stream.getvalue().splitlines())
 
 
-def test_a_batch_shows_lines_unless_it_is_to_be_quiet(tmp_path, monkeypatch):
+def test_a_batch_prints_lines_unless_it_is_quiet(tmp_path, monkeypatch):
     monkeypatch.setattr(progress, "LINE_SECONDS", 0.001)
     items = [WorkItem(name, tmp_path / name, make_stamp("toy", {})) for name in "ab"]
 

@@ -1,4 +1,4 @@
-"""Stages that cut frames into regions name a faulty scene, do the others, and see new meshes."""
+"""Stages that cut frames into regions name faulty scenes, do the others, notice new meshes."""
 
 import shutil
 
@@ -72,7 +72,7 @@ def unknown_object(camera):
     cv2.imwrite(str(camera / "label/0001.png"), np.full((240, 320), 60, np.uint8))
 
 
-# What is wrong with a scene, and words of the sentence that says so.
+# A fault of a scene, and words of the error about it.
 FAULTS = {
     "a small label": (scaled_label(0.5), "0001.png: the label image is 160x120"),
     "a large label": (scaled_label(2.0), "0001.png: the label image is 640x480"),
@@ -97,7 +97,7 @@ def test_scenes_at_fault_give_one_sentence_each_and_the_rest_is_done(root, tmp_p
 
 
 @pytest.mark.parametrize("stage", STAGES)
-def test_what_was_cut_from_another_mesh_is_not_reused(root, tmp_path, stage):
+def test_regions_that_were_cut_from_another_mesh_are_not_reused(root, tmp_path, stage):
     assert stage(root, tmp_path / "out").done == WHOLE
     assert stage(root, tmp_path / "out").skipped == WHOLE
     path = root.model_path(0)

@@ -1,4 +1,4 @@
-"""`view`: a page a frame, an index of all; resumable, faults one by one."""
+"""`view`: a page for each frame and an index; resumable, with separate faults."""
 
 import sys
 from dataclasses import replace
@@ -132,7 +132,7 @@ def test_a_second_run_skips_and_only_changed_frames_are_made_anew(grasps, tmp_pa
     before = {path: path.stat().st_mtime_ns for path in (out / "frames").rglob("*")}
     assert run(grasps, out).skipped == list(NAMES)
     assert before == {path: path.stat().st_mtime_ns for path in (out / "frames").rglob("*")}
-    (out / "frames/two/c.html").unlink()  # as a killed run leaves it
+    (out / "frames/two/c.html").unlink()  # as after a killed run
     assert run(grasps, out).done == ["two/c"]
     more = [result(NAMES[0]), result(NAMES[1], 0), result(NAMES[2], seed=2)]
     write_results(grasps, more, tmp_path / "frames")
@@ -176,7 +176,7 @@ def test_two_workers_write_the_same_bytes_and_a_dry_run_writes_none(grasps, tmp_
     assert len(digests) == 1
 
 
-def test_frames_are_found_where_infer_read_them_or_where_one_says(grasps, tmp_path):
+def test_frames_are_found_where_infer_read_them_or_in_a_given_folder(grasps, tmp_path):
     (tmp_path / "frames").rename(tmp_path / "moved")
     with pytest.raises(FormatError, match="--frames"):
         run(grasps, tmp_path / "out")
@@ -186,7 +186,7 @@ def test_frames_are_found_where_infer_read_them_or_where_one_says(grasps, tmp_pa
         run(unsaid, tmp_path / "new")
 
 
-def test_a_recording_for_rerun_is_made_beside_pages_that_are_there(grasps, tmp_path, monkeypatch):
+def test_a_recording_for_rerun_is_added_to_finished_pages(grasps, tmp_path, monkeypatch):
     out = tmp_path / "out"
     run(grasps, out)
     paths = view.ViewPaths(grasps, out)
@@ -208,7 +208,7 @@ def test_a_recording_for_rerun_is_made_beside_pages_that_are_there(grasps, tmp_p
     assert view.run(paths, CONFIG, OPTIONS, rerun=True).skipped == list(NAMES[:2])
 
 
-def test_the_command(grasps, tmp_path):
+def test_the_command_writes_pages(grasps, tmp_path):
     arguments = ["view", str(grasps), "--out", str(tmp_path / "out")]
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 0

@@ -54,8 +54,10 @@ def test_a_feature_of_another_name_is_refused_with_the_command_that_makes_the_fi
     names["candidate"][1:3] = names["candidate"][2:0:-1]
     path = changed(tmp_path / "x.safetensors", model, features=json.dumps(names))
     first, second = critic_files.FEATURES[model].candidate[1:3]
-    told = f"takes {second} as candidate feature 2, where {first} is computed; make the file again"
-    with pytest.raises(FormatError, match=f"{told} with `symgrasp train-critic "):
+    message = (
+        f"takes {second} as candidate feature 2, where {first} is computed; make the file again"
+    )
+    with pytest.raises(FormatError, match=f"{message} with `symgrasp train-critic "):
         read(path, model)
 
 

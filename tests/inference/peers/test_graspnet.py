@@ -18,7 +18,7 @@ TOWARD_CAMERA = int(generate_views()[:, 2].argmin())
 
 
 class AlwaysTheSame(GraspNetBaseline):
-    """Approaches along the camera's axis, at angle 3 and depth 2; every other seed is on the table."""
+    """Approaches along the camera's axis at angle 3, depth 2; every other seed is on the table."""
 
     def seeds(self, points):
         index = torch.arange(64)[None]

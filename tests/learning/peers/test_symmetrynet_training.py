@@ -112,7 +112,7 @@ def test_points_that_predict_the_truth_have_no_loss(regions, is_noisy):
 
 def test_planes_may_be_predicted_in_any_order(regions):
     seen = stacked_regions([plain_region(regions[BOX], 300)])
-    known, order = told(seen), [2, 0, 1]
+    known, order = true_output(seen), [2, 0, 1]
     turned = SymmetryOutput(
         known.center,
         known.mirrored[:, :, order],

@@ -1,7 +1,7 @@
 """Symmetries found on constructed objects: `python -m tests.mesh_symmetry.varied SEED...`.
 
-Each seed draws 17 bodies of revolution and 13 other objects; each is annotated unchanged, with noise
-and with a hole. The command prints every fault, and a table for all seeds.
+Each seed draws 17 bodies of revolution and 13 other objects; each is annotated unchanged, with
+noise and with a hole. The command prints every fault, and a table for all seeds.
 """
 
 import sys

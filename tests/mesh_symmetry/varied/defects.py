@@ -118,8 +118,8 @@ def holed(
 ) -> Mesh:
     """Return `mesh` without the surface around a random place.
 
-    The place is in the half away from `feature`, which breaks some symmetries. The surface also stays
-    at `images`, where each broken symmetry would need another such feature.
+    The place is in the half away from `feature`, which breaks some symmetries. The surface stays
+    at `images` too, where each broken symmetry would need another such feature.
     """
     mesh = _divided(mesh, HOLED_FACES)
     centers, area = mesh.triangles.mean(axis=1), mesh.face_areas

@@ -231,7 +231,7 @@ def body(draw: Profile, rng: np.random.Generator) -> Varied:
 
 
 def misses(mesh: Mesh) -> tuple[float, float, float]:
-    """Return mean, 95th and 99th percentile of the misses of turns about z, shares of the diagonal."""
+    """Return mean, 95th and 99th percentile of misses of turns about z, shares of the diagonal."""
     surface = Surface.from_mesh(mesh, 20_000, np.random.default_rng(0))
     worst = np.zeros(3)
     for angle in TURNS:

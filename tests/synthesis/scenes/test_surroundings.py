@@ -1,4 +1,4 @@
-"""Bins hold the objects, walls and edges stay clear of them, cameras see past all of it."""
+"""Bins hold the objects, walls and edges stay clear of them, cameras see past both."""
 
 from dataclasses import replace
 
@@ -110,10 +110,10 @@ def test_surroundings_are_background_and_a_hand_hides_what_is_behind_it():
         assert (shown[1.0].object_index[nearer] == -1).all()
         border = np.ones_like(nearer)
         border[1:-1, 1:-1] = False
-        assert nearer[border].any()  # it comes from outside
+        assert nearer[border].any()  # the hand comes from outside
 
 
-def test_a_hand_stays_above_the_table():
+def test_a_hand_in_the_scene_stays_above_the_table():
     layout = layouts("plain")[0]
     for seed in range(20):
         for pose in viewpoints(layout)[:2]:

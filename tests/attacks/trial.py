@@ -57,9 +57,7 @@ def attack(world: Path, folder: Path, chosen: Attack, seed: int) -> Outcome:
     """Copy `world` to `folder`, mutate an input of `chosen`, run it, and return the outcome."""
     rng = random.Random(seed)
     file = rng.choice(matching(world, rng.choice(chosen.inputs.split())))
-    is_link = (
-        rng.random() < LINK_SHARE and chosen.words[0] != POST
-    )  # its input is the body of a request, not a file
+    is_link = rng.random() < LINK_SHARE and chosen.words[0] != POST  # a body is not a file
     kind = rng.choice(LINKS) if is_link else ""
     return _tried(
         world,

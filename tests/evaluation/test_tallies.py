@@ -32,9 +32,7 @@ def test_no_record_stays_in_memory():
         for index in range(50):
             found = record(index)
             made.append(weakref.ref(found))
-            assert (
-                sum(each() is not None for each in made) <= 2
-            )  # the last added record and the next
+            assert sum(each() is not None for each in made) <= 2  # last added one, next one
             yield found
 
     assert ReportTally.of(stream()).rows["ours"]["all"].frames == 50

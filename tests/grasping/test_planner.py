@@ -356,9 +356,8 @@ def naive_choice(candidates, region, scene):
 @pytest.mark.parametrize("highest", [0.11, 0.03])
 def test_the_choice_equals_that_of_checking_every_grasp_against_every_point(seed, highest):
     rng = np.random.default_rng(seed)
-    plate = Box(
-        (0.3, 0.1, 0.012), (0, -0.05, 0)
-    )  # the plate, unlike the table, is below the lowest gripper
+    # The plate, unlike the table, is below the lowest gripper.
+    plate = Box((0.3, 0.1, 0.012), (0, -0.05, 0))
     neighbour = Box((0.05, 0.05, 0.06), (0.08, 0.02, 0))
     pose, scene, region = seen([Box((0.06, 0.08, 0.1)), neighbour, plate])
     heights = rng.uniform(0.005, highest, 40)

@@ -85,10 +85,7 @@ def held(result, index):
 def test_two_objects_in_a_detection_get_separate_grasps():
     result, index = planned([LARGE, SMALL], NoSymmetry())
     assert result.regions.source.tolist() == ["detector", "geometric"]
-    assert held(result, index) == {
-        0: {0},
-        1: {1},
-    }  # grasps of the detection are on its larger object
+    assert held(result, index) == {0: {0}, 1: {1}}  # the detection has the larger box
     height, width = index.shape
     piece = result.regions.mask(1, width, height)
     assert (index[piece] == 1).mean() > 0.95

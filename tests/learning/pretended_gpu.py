@@ -22,10 +22,7 @@ DEVICE, IS_CUDA = torch.Tensor.device.__get__, torch.Tensor.is_cuda.__get__
 PLACES = {DEVICE, IS_CUDA}
 MOVED = {torch.Tensor.cuda, torch.Tensor.cpu}
 SEQUENCES = (list, tuple)
-BESIDE = {
-    torch.Tensor.__deepcopy__,
-    torch.Tensor.new_tensor,
-}  # they make tensors without an operation on their argument
+BESIDE = {torch.Tensor.__deepcopy__, torch.Tensor.new_tensor}  # make tensors without operations
 
 
 def tensors_of(*trees):

@@ -68,9 +68,7 @@ def test_a_wall_in_a_fingers_way_is_a_collision_wherever_the_camera_is():
 
 
 def test_a_grasp_beyond_the_opening_of_the_hand_is_too_wide():
-    wide = GraspPoses(
-        DOWN, np.array([0.0, 0.0, 0.08]), np.array(0.11)
-    )  # with a clearance of 1 cm on each side
+    wide = GraspPoses(DOWN, np.array([0.0, 0.0, 0.08]), np.array(0.11))  # and a clearance of 1 cm
     verdict = grasp_verdict(scene(FREE), 0, wide, gripper())
     assert (verdict.reason, verdict.quality) == ("too wide", 0.0)
 

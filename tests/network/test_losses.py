@@ -48,9 +48,7 @@ def test_a_perfect_prediction_costs_nothing():
     terms = losses.total_loss(
         prediction, truth, (prediction.features,) * 2, CONFIG, truth.points[:, :16]
     )
-    assert (
-        float(terms["total"]) < 0.3
-    )  # the lower bound in the square root, a tenth of a millimetre
+    assert float(terms["total"]) < 0.3  # bound in the root: 0.1 mm
     assert float(terms["parameters"]) < 0.01
 
 

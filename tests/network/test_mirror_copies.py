@@ -100,5 +100,5 @@ def test_a_region_and_its_mirror_image_get_mirrored_predictions(network):
     (plain,), (twin,) = alone.predict([region]), alone.predict([region * MIRROR])
     assert (
         np.abs(plain.affordance - twin.affordance).max() > 1e-4
-    )  # a single prediction does depend on mirroring
+    )  # one prediction is not symmetric
     assert_array_equal(one.existence[:half], plain.existence)

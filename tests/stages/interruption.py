@@ -272,9 +272,7 @@ def main():
     given = parser.parse_args()
     if not given.inputs.exists():
         write_inputs(given.inputs)
-    signal.signal(
-        signal.SIGINT, signal.default_int_handler
-    )  # otherwise children of `&` ignore the signal
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # children of `&` ignore it
     numbers = [signal.Signals[each] for each in given.signals.split(",")]
     stages = given.stages.split(",")
     many(given.inputs, given.log, stages, numbers, given.trials, given.start_up, given.seed)

@@ -297,9 +297,7 @@ def test_one_frame_at_a_time_is_in_memory(root, truth_file, tmp_path, monkeypatc
     def watched(path, frames):
         for found in read_dataset_frames(path, frames):
             seen.append(weakref.ref(found))
-            assert (
-                sum(each() is not None for each in seen) <= 2
-            )  # the last judged frame and this one
+            assert sum(each() is not None for each in seen) <= 2  # the last frame, this frame
             yield found
 
     monkeypatch.setattr(other_runs, "read_dataset_frames", watched)

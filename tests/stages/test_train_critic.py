@@ -95,9 +95,8 @@ def test_the_files_are_critics_that_name_their_features(outputs):
 def test_the_can_has_a_true_axis_the_ball_a_true_sphere_and_the_box_true_planes(outputs):
     rows = rows_of(outputs["axes"])
     axes, spheres = (rows[rows.slot == slot] for slot in (ROTATION_SLOT, SPHERE_SLOT))
-    assert (
-        len(set(axes.group)) == 4
-    )  # a box and a can in each of two frames; for balls every plane is true
+    # A box and a can in each of two frames; for a ball any axis is true.
+    assert len(set(axes.group)) == 4
     best = best_of_groups(axes.truth.astype(float), axes.group)
     assert sorted(axes.truth[best]) == [0.0, 0.0, 1.0, 1.0]
     assert sorted(spheres.truth) == [0.0] * 4 + [1.0] * 2

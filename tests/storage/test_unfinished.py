@@ -22,9 +22,7 @@ def test_an_unfinished_root_is_refused_until_its_command_ends(tmp_path: Path) ->
     for read in (GraspNetRoot.finished, find_frames, refuse_unfinished):
         with pytest.raises(SymgraspError, match=r"`symgrasp synthesize`.*run the same command"):
             read(tmp_path)
-    mark_finished(
-        tmp_path, "label-grasps"
-    )  # the end of another command does not remove this command's mark
+    mark_finished(tmp_path, "label-grasps")  # the end of another command
     with pytest.raises(SymgraspError, match="unfinished"):
         refuse_unfinished(tmp_path)
     mark_finished(tmp_path, "synthesize")

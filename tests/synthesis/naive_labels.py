@@ -41,7 +41,7 @@ def line_hits(triangles, start, direction):
 
 
 def contact(hits, half, side):
-    """Distance and cosine of the first surface that the finger at `half` on `side` meets or None."""
+    """Distance and cosine of the surface first met by the finger at `half` on `side`, or None."""
     on_side = [(side * s, side * c) for s, c in zip(*hits, strict=True) if 0 <= side * s <= half]
     if not on_side:
         return None

@@ -22,9 +22,7 @@ def test_hypotheses_are_counted_by_the_pixels_near_them(seed, count):
     sample = np.stack([u, v, disparity]).astype(np.float32)
     found = _counts(hypotheses.astype(np.float32), sample, 0.01)
     away = np.abs(hypotheses @ np.stack([u, v, np.ones(count)]) - disparity)
-    assert (
-        found >= (away < 0.01 - 1e-5).sum(axis=1)
-    ).all()  # single precision leaves some pixels undecided
+    assert (found >= (away < 0.01 - 1e-5).sum(axis=1)).all()  # single precision leaves some open
     assert (found <= (away < 0.01 + 1e-5).sum(axis=1)).all()
 
 

@@ -345,9 +345,7 @@ def test_the_lid_of_an_object_is_no_table_if_it_alone_has_depth(shape):
     assert best_overlap(found, index == 0) > 0.9
 
 
-@pytest.mark.parametrize(
-    "shape", [None, Box((0.4, 0.5, 0.03))]
-)  # a thick board, whose edge is seen
+@pytest.mark.parametrize("shape", [None, Box((0.4, 0.5, 0.03))])  # a board with a visible edge
 def test_an_empty_table_is_found(shape):
     depth, index = render([shape] if shape else [])
     depth = depth if shape is None else np.where(index == 0, depth, 0.0)

@@ -212,11 +212,7 @@ def test_the_depth_stream_alone_gives_the_output_of_both_without_colour(tmp_path
 
 
 def test_rows_of_one_seed_learn_separately_from_the_same_regions(objects, monkeypatch, tmp_path):
-    for name in (
-        "_normal",
-        "_uniform",
-        "_rotations",
-    ):  # the tool replaces them for the whole process
+    for name in ("_normal", "_uniform", "_rotations"):  # replaced for the whole process
         monkeypatch.setattr(augmentation, name, getattr(augmentation, name))
     monkeypatch.setattr(torch, "set_default_device", lambda device: None)
     train.prepare_layers(CPU)

@@ -49,8 +49,8 @@ def write_bag(
 
     The depth is taken `delay` seconds after the colour; `recorded` maps an image's seconds to
     its time of recording, in nanoseconds. `packed`: the format of the colour's or the depth's
-    CompressedImage, and the function that makes its bytes. `lens`: the
-    distortion in the CameraInfo, whose projection matrix then has other focal lengths.
+    CompressedImage, and the function that makes its bytes. `lens`: the distortion in the
+    CameraInfo, whose projection matrix then has other focal lengths.
     """
     packed = packed or {}
     kinds = KINDS | dict.fromkeys(packed, COMPRESSED)

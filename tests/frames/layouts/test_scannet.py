@@ -38,10 +38,7 @@ def test_colour_of_another_size_is_looked_up_through_both_cameras(folder: Path) 
     frame = find_frames(folder)[0].read()
     expected = smooth(build.WIDTH, build.HEIGHT, *build.FOUR)
     assert frame.color.shape == expected.shape
-    inside = (
-        slice(0, -1),
-        slice(0, -1),
-    )  # the last pixels may be at the border of the colour image
+    inside = (slice(0, -1), slice(0, -1))  # colour may end at the last pixels
     assert np.abs(frame.color[inside].astype(int) - expected[inside]).max() <= 2
     assert "98x73 is looked up" in frame.notes[0]
     assert frame.intrinsics.fx == build.FOUR[0]

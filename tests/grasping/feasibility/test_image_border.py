@@ -63,7 +63,7 @@ def test_no_finger_closes_where_the_image_cuts_an_object_off(side):
     found = RegionPlanner(GRIPPER, CONFIG).plan(region, scene, (planar_pass(),))
     assert len(found)
     grasps = found.grasps
-    points = CAMERA.backproject(whole)[index == 0]  # including grasps beyond the cut
+    points = CAMERA.backproject(whole)[index == 0]  # including points beyond the cut
     for n in range(len(found)):
         along, across, aside = ((points - grasps.translation[n]) @ grasps.rotation[n]).T
         half = 0.5 * grasps.width[n] + GRIPPER.clearance

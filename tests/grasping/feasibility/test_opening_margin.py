@@ -39,9 +39,7 @@ def widened(found, checks, **settings):
     return with_opening_margin(found, replace(checks, config=replace(CONFIG, **settings)), CAP)
 
 
-@pytest.mark.parametrize(
-    "width", [0.05, 0.06]
-)  # the predicted plane too near, and at its true place
+@pytest.mark.parametrize("width", [0.05, 0.06])  # plane too near, or in its place
 def test_the_second_contact_gets_a_margin_and_the_first_does_not_move(width):
     before = grasp(width)
     after = widened(before, checks_at_box())

@@ -72,9 +72,8 @@ def test_a_true_plane_has_no_image_in_front_of_the_scene_or_beneath_the_table(bo
 
 
 def test_points_and_images_have_their_heights_above_the_table(box):
-    level = planes_of(box[2])[
-        2
-    ]  # a box of 12 cm on the table: the heights of point and image add up to 12 cm
+    # The heights of a point and its image add up to the height of the box, 12 cm.
+    level = planes_of(box[2])[2]
     rows = rows_of([level], box)[0]
     np.testing.assert_allclose(rows[:, HEIGHT] + rows[:, IMAGE_HEIGHT], 5 * 0.12, atol=0.03)
     np.testing.assert_allclose(np.linalg.norm(rows[:, NORMAL], axis=1), 1.0, atol=1e-4)

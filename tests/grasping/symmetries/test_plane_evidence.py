@@ -86,10 +86,7 @@ def test_only_the_more_likely_of_oblique_planes_is_kept(box, monkeypatch):
     )
     monkeypatch.setattr(type(CRITIC), "probability", lambda *_: said)
     found = likely_planes(evidence_of(box), CRITIC)
-    assert [each for _, each, _ in found] == [
-        0.9,
-        0.3,
-    ]  # 90 degrees is within 30 degrees of a kept plane
+    assert [each for _, each, _ in found] == [0.9, 0.3]  # 90 degrees is within 30 of a kept one
     assert found[0][0] is oblique[0]
     assert [source for _, _, source in found] == [1, 3]
 

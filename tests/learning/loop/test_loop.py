@@ -159,9 +159,7 @@ def test_weights_of_a_stopped_run_may_be_better_than_at_any_end_of_an_epoch(tmp_
     max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(st.lists(st.integers(0, 45), max_size=3), st.sampled_from([Line, Restless]))
-@example(
-    [0, 5], Line
-)  # killed after a stop in the middle of an epoch has validated the mean of the weights
+@example([0, 5], Line)  # killed after a stop within an epoch has validated the mean of the weights
 def test_a_run_killed_at_any_moment_and_resumed_gives_the_same_bytes(whole, moments, kind):
     """Moments are counted in steps and written files; a kill comes just before or after one."""
     with tempfile.TemporaryDirectory() as folder:

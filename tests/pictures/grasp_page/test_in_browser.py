@@ -31,17 +31,17 @@ FRAME, INDEX = toy_frame()
 GRIPPER = load_gripper("rg2")
 # Imitates a person, and then writes the state of the page as the text of an element.
 VISITOR = """
-const told = {errors: [], hits: [], facts: {}};
-addEventListener("error", (event) => told.errors.push(event.message));
+const outcome = {errors: [], hits: [], facts: {}};
+addEventListener("error", (event) => outcome.errors.push(event.message));
 const by = (id) => document.getElementById(id), view = by("view");
 const key = (name) => document.dispatchEvent(new KeyboardEvent("keydown", {key: name}));
 const pointer = (kind, x, y, buttons) => view.dispatchEvent(
   new PointerEvent(kind, {pointerId: 1, clientX: x, clientY: y, buttons, bubbles: true}));
 const facts = () => [...by("picked").querySelectorAll("dd")].map((each) => each.textContent);
 setTimeout(() => {
-  told.trouble = by("trouble").hidden ? "" : by("trouble").textContent;
-  told.regions = by("regions").children.length;
-  told.most = by("count").max;
+  outcome.trouble = by("trouble").hidden ? "" : by("trouble").textContent;
+  outcome.regions = by("regions").children.length;
+  outcome.most = by("count").max;
   const area = view.getBoundingClientRect(), hits = new Set();
   for (let y = 5; y < area.height; y += 20) {
     for (let x = 5; x < area.width; x += 20) {
@@ -51,11 +51,11 @@ setTimeout(() => {
       if (!by("picked").hidden) hits.add(facts().join("|"));
     }
   }
-  told.hits = [...hits];
+  outcome.hits = [...hits];
   key("Escape");
-  told.hidden = by("picked").hidden;
+  outcome.hidden = by("picked").hidden;
   for (const name of ["n", "t", "r", "+", "+", "g", "g", "s", "p", "ArrowLeft"]) key(name);
-  told.shown = by("count").value;
+  outcome.shown = by("count").value;
   pointer("pointerdown", 500, 300, 1);
   pointer("pointermove", 560, 320, 1);
   pointer("pointerup", 560, 320, 0);
@@ -64,10 +64,10 @@ setTimeout(() => {
   key("s");
   key("c");
   requestAnimationFrame(() => {  // behind the page's own: what it has just drawn is still there
-    told.picture = view.toDataURL();
+    outcome.picture = view.toDataURL();
     const made = document.createElement("pre");
-    made.id = "told";
-    made.textContent = JSON.stringify(told);
+    made.id = "outcome";
+    made.textContent = JSON.stringify(outcome);
     document.body.append(made);
     made.hidden = true;
   });
@@ -99,7 +99,7 @@ def browse(page: Path, *flags: str) -> subprocess.CompletedProcess[str]:
 
 def visited(page: Path) -> dict:
     done = browse(page, "--dump-dom")
-    found = re.search(r'<pre id="told"[^>]*>(.*?)</pre>', done.stdout, re.DOTALL)
+    found = re.search(r'<pre id="outcome"[^>]*>(.*?)</pre>', done.stdout, re.DOTALL)
     if found is None and "<html" not in done.stdout:
         pytest.skip("Chromium does not start here")
     assert found is not None, done.stderr
@@ -108,17 +108,14 @@ def visited(page: Path) -> dict:
 
 
 def test_clicked_grasps_show_their_figures(tmp_path):
-    told = visited(page_for(tmp_path, 5))
-    assert (told["errors"], told["console"], told["trouble"]) == ([], [], "")
-    assert (told["regions"], told["most"], told["shown"]) == (2, "3", "3")
-    assert told["hidden"]
+    outcome = visited(page_for(tmp_path, 5))
+    assert (outcome["errors"], outcome["console"], outcome["trouble"]) == ([], [], "")
+    assert (outcome["regions"], outcome["most"], outcome["shown"]) == (2, "3", "3")
+    assert outcome["hidden"]
     best = toy_result(FRAME, INDEX).grasps
     rows = np.flatnonzero(best.is_best)
-    facts = {text.split("|")[2][0]: text.split("|") for text in told["hits"]}
-    assert sorted(facts) == [
-        "0",
-        "1",
-    ]  # only the best grasp of each region is shown and can be clicked
+    facts = {text.split("|")[2][0]: text.split("|") for text in outcome["hits"]}
+    assert sorted(facts) == ["0", "1"]  # only the best of each region is shown
     for row in rows:
         score, rank, region, source, symmetry, width, *_ = facts[str(best.region[row])]
         assert score.partition(",")[0] == f"{best.rank_score[row]:.4f}"
@@ -130,10 +127,10 @@ def test_clicked_grasps_show_their_figures(tmp_path):
 
 
 def test_without_grasps_and_from_the_camera_the_page_shows_the_photograph(tmp_path):
-    told = visited(page_for(tmp_path, 0))
-    assert (told["errors"], told["console"], told["trouble"]) == ([], [], "")
-    assert (told["hits"], told["most"]) == ([], "0")
-    picture = np.frombuffer(base64.b64decode(told["picture"].partition(",")[2]), np.uint8)
+    outcome = visited(page_for(tmp_path, 0))
+    assert (outcome["errors"], outcome["console"], outcome["trouble"]) == ([], [], "")
+    assert (outcome["hits"], outcome["most"]) == ([], "0")
+    picture = np.frombuffer(base64.b64decode(outcome["picture"].partition(",")[2]), np.uint8)
     seen = cv2.imdecode(picture, cv2.IMREAD_COLOR)[..., ::-1].astype(float)
     high, wide = seen.shape[:2]
     # The picture fills the canvas across or from top to bottom, the optical axis in the middle.

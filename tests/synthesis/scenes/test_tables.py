@@ -95,9 +95,7 @@ def test_sensors_are_right_on_average_and_lose_depth_at_edges(sensor, noise):
 
 @pytest.mark.parametrize("sensor", ["kinect", "realsense"])
 def test_no_depth_is_made_up_at_the_border_of_a_surface(sensor):
-    T_world_cam = look_at(
-        [0.0, -0.9, 0.25], [0, 0, 0.1]
-    )  # over the far end of the table, into empty space
+    T_world_cam = look_at([0.0, -0.9, 0.25], [0, 0, 0.1])  # over the table's far end, into nothing
     scene = Scene([rectangle(1, 1)], [np.eye(4)])
     hits = cast_view(scene, CAMERA, T_world_cam)
     nearest = hits.depth[hits.depth > 0].min()

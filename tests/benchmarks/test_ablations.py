@@ -135,7 +135,7 @@ def test_rows_differ_from_the_full_method_only_in_the_part_they_leave_out(tmp_pa
     assert "uncut" in trained["no-regions"]
 
 
-def test_all_networks_take_as_many_steps_and_decay_alike_over_them(tmp_path):
+def test_all_networks_take_the_same_steps_with_the_same_decay(tmp_path):
     for command in done(tmp_path, steps=1000):
         if command[0] == "train":
             steps_per_epoch = REGIONS[Path(command[1]).name] // BATCH
@@ -176,7 +176,7 @@ def test_an_interrupted_run_goes_on_with_the_step_it_stopped_in(tmp_path):
     assert done(tmp_path / "cut") == []
 
 
-def test_more_seeds_later_keep_what_the_first_one_made(tmp_path):
+def test_later_seeds_keep_the_outputs_of_the_first_one(tmp_path):
     done(tmp_path)
     assert all("seed0" not in " ".join(c) for c in done(tmp_path, seeds=(0, 1)))
 

@@ -26,8 +26,8 @@ def four_cores(monkeypatch):
 def test_no_more_processes_than_cores_are_started_on_this_machine(caplog, backend, workers, used):
     options = preparation(workers, backend)
     assert options.workers == used
-    said = [f"--workers {workers} is more than this machine's 4 cores: 4 work at a time"]
-    assert [record.getMessage() for record in caplog.records] == said * (used < workers)
+    expected = [f"--workers {workers} is more than this machine's 4 cores: 4 work at a time"]
+    assert [record.getMessage() for record in caplog.records] == expected * (used < workers)
 
 
 @pytest.mark.parametrize(("free", "used"), [(9e9, 4), (2.5e9, 2), (1e8, 1), (None, 4)])

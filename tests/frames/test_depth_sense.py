@@ -31,40 +31,40 @@ def table(tilt: float, *, sensor_noise: float = 0.002) -> np.ndarray:
     return (depth * (1.0 + sensor_noise * noise)).astype(np.float32)
 
 
-def said(depth: np.ndarray) -> list[str]:
+def warnings_of(depth: np.ndarray) -> list[str]:
     return depth_oddities(depth.astype(np.float32), LENS.fx)
 
 
 @pytest.mark.parametrize("tilt", [0.1, 0.5, 0.8])
 def test_depth_of_a_table_is_accepted_and_its_inverse_is_reported(tilt: float) -> None:
     depth = table(tilt)
-    assert said(depth) == []
-    assert said(1.0 / depth) == [LOOKS_INVERSE]
-    assert said(40.0 / depth / 100.0) == [LOOKS_INVERSE]  # disparity in another unit
+    assert warnings_of(depth) == []
+    assert warnings_of(1.0 / depth) == [LOOKS_INVERSE]
+    assert warnings_of(40.0 / depth / 100.0) == [LOOKS_INVERSE]  # disparity in another unit
 
 
 def test_inverse_depth_from_straight_above_is_reported_as_near_and_far_swapped() -> None:
-    assert said(table(0.0)) == []
-    assert said(1.0 / table(0.0)) == [SWAPPED]
-    assert said(1.5 - table(0.0)) == [SWAPPED]
+    assert warnings_of(table(0.0)) == []
+    assert warnings_of(1.0 / table(0.0)) == [SWAPPED]
+    assert warnings_of(1.5 - table(0.0)) == [SWAPPED]
 
 
 @pytest.mark.parametrize(("scale", "size"), [(8.0, "0.7"), (0.1, "0.0087")])
 def test_another_unit_is_detected_by_the_size_of_objects(scale: float, size: str) -> None:
-    (sentence,) = said(scale * table(0.4))
+    (sentence,) = warnings_of(scale * table(0.4))
     assert f"{size} m wide" in sentence
     assert "--depth-units-per-metre" in sentence
 
 
 def test_steps_of_eight_bits_are_reported() -> None:
     coarse = np.round(table(0.4) / 4.0 * 255) / 255 * 4.0
-    assert any("steps of 16 mm" in sentence for sentence in said(coarse))
-    assert not any("steps" in sentence for sentence in said(np.round(table(0.4), 3)))
+    assert any("steps of 16 mm" in sentence for sentence in warnings_of(coarse))
+    assert not any("steps" in sentence for sentence in warnings_of(np.round(table(0.4), 3)))
 
 
 @pytest.mark.parametrize("depth", [np.zeros((40, 60)), np.ones((1, 1)), np.eye(50)])
 def test_nothing_is_reported_where_little_is_measured(depth: np.ndarray) -> None:
-    assert said(depth) == []
+    assert warnings_of(depth) == []
 
 
 def test_saturated_depth_is_reported(tmp_path: Path) -> None:

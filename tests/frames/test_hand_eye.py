@@ -60,7 +60,7 @@ def test_the_pose_is_read_from_the_file_of_every_tool(name, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "said"),
+    ("name", "text", "sentence"),
     [
         ("a.yaml", EASY_HANDEYE.replace("false", "true", 1), "camera on the hand"),
         ("b.yaml", EASY_HANDEYE2.replace("eye_on_base", "eye_in_hand"), "camera on the hand"),
@@ -74,7 +74,7 @@ def test_the_pose_is_read_from_the_file_of_every_tool(name, tmp_path):
         ("j.yaml", "parameters: 3\ntransformation: [1, 2]\n", "holds no pose"),
     ],
 )
-def test_a_file_without_a_valid_pose_is_reported_in_one_sentence(name, text, said, tmp_path):
+def test_a_file_without_a_valid_pose_is_reported_in_one_sentence(name, text, sentence, tmp_path):
     (tmp_path / name).write_text(text)
-    with pytest.raises(FormatError, match=said):
+    with pytest.raises(FormatError, match=sentence):
         read_hand_eye(tmp_path / name)

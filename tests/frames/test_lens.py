@@ -132,7 +132,7 @@ def framed(lens: Distortion, depth: np.ndarray):
     return make_frame(*parts, camera, DepthUnits())
 
 
-def test_a_frame_says_that_its_distortion_is_removed_and_masks_follow() -> None:
+def test_a_frame_notes_its_removed_distortion_and_masks_are_moved_along() -> None:
     depth = np.full((120, 160), 700, np.uint16)
     frame = framed(LENSES[0], depth)
     assert "lens distortion (Brown-Conrady) is removed" in frame.notes[0]

@@ -60,7 +60,7 @@ def test_starting_normals_spread_over_the_hemisphere():
     assert nearest.max() < 36.0
 
 
-def test_the_largest_group_of_alike_fits_is_found():
+def test_the_largest_group_of_similar_fits_is_found():
     alike = np.eye(5, dtype=bool)
     for i, j in [(0, 1), (1, 2), (2, 3), (1, 3)]:
         alike[i, j] = alike[j, i] = True

@@ -34,13 +34,13 @@ def test_infer_ends_with_counts_of_grasps_empty_frames_and_the_next_command(tmp_
     result = CliRunner().invoke(app, [*command, "--regions", "geometric"])
     assert result.exit_code == 0, result.output
     summary = summary_of(output)
-    said = result.stderr.splitlines()
+    lines = result.stderr.splitlines()
     assert summary.frames == 2
     assert list(summary.empty) == ["wall"]
-    assert said[-4:] == [
+    assert lines[-4:] == [
         f"{summary.grasps} grasps on 1 of 2 frames",
         f"no grasp: wall: {summary.empty['wall']}",
         f"output: {output}",
         f"next: symgrasp view {output} --out view",
     ]
-    assert not [line for line in said if line.startswith("wall: ")]
+    assert not [line for line in lines if line.startswith("wall: ")]

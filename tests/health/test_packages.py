@@ -113,14 +113,14 @@ def test_a_torchvision_of_another_torch_is_reported_with_the_command_to_run(tmp_
         "print(check.status, check.text)"
     )
     paths = os.pathsep.join([str(tmp_path), str(ROOT)])
-    said = subprocess.run(
+    done = subprocess.run(
         [sys.executable, "-c", code],
         env=os.environ | {"PYTHONPATH": paths},
         capture_output=True,
         text=True,
         check=True,
     ).stdout
-    assert said.startswith("FAIL ")
-    assert "operator torchvision::nms does not exist" in said
-    assert "built for another torch than" in said
-    assert "pip install --force-reinstall torch torchvision" in said
+    assert done.startswith("FAIL ")
+    assert "operator torchvision::nms does not exist" in done
+    assert "built for another torch than" in done
+    assert "pip install --force-reinstall torch torchvision" in done

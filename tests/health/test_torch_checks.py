@@ -40,14 +40,14 @@ def test_a_gpu_is_named_and_its_products_agree_with_the_cpu():
     assert torch.cuda.get_device_name(0) in checks[0].text
 
 
-def without_gpu(monkeypatch, said):
+def without_gpu(monkeypatch, printed):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     monkeypatch.setattr(torch_checks.shutil, "which", lambda name: "/usr/bin/nvidia-smi")
 
     def answer(command, **options):
-        if said is None:
+        if printed is None:
             raise subprocess.CalledProcessError(9, command)
-        return subprocess.CompletedProcess(command, 0, said, "")
+        return subprocess.CompletedProcess(command, 0, printed, "")
 
     monkeypatch.setattr(torch_checks.subprocess, "run", answer)
     return list(torch_checks.gpu_checks(1e-4))

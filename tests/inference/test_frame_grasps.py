@@ -123,7 +123,7 @@ def thinned(kind):
 
 
 @pytest.mark.parametrize("kind", ["rows", "columns", "both", "random"])
-def test_a_frame_with_a_hole_beside_every_pixel_is_grasped(kind):
+def test_a_frame_with_a_hole_next_to_every_pixel_is_grasped(kind):
     planner = Planner(CONFIG, load_gripper("rg2"), predictor=Oracle(), **CRITICS)
     result = planner.plan(thinned(kind), np.random.default_rng(0))
     assert result.status == "ok", result.message
@@ -224,7 +224,7 @@ def test_grasps_stay_within_the_workspace_and_the_cone():
     assert (steepness > np.cos(np.radians(45.1))).all()
 
 
-def test_no_two_grasps_of_a_region_are_alike():
+def test_no_two_grasps_of_a_region_are_similar():
     found = plan(Oracle()).grasps
     grasps = GraspPoses(
         *(np.asarray(a, np.float64) for a in (found.rotation, found.translation, found.width))

@@ -72,8 +72,10 @@ def sample(mode, config):
 def test_predictions_of_the_network_are_on_the_device_of_its_points(stand_ins, change):
     network = on_gpu(CONFIG.network, change)
     with torch.set_grad_enabled(network.training):
-        said = network(torch.empty(3, CONFIG.network.num_points, 3, device=GPU))
-    assert {each.device for each in vars(said).values() if isinstance(each, torch.Tensor)} == {GPU}
+        prediction = network(torch.empty(3, CONFIG.network.num_points, 3, device=GPU))
+    assert {
+        each.device for each in vars(prediction).values() if isinstance(each, torch.Tensor)
+    } == {GPU}
 
 
 @pytest.mark.parametrize("options", OPTIONS)

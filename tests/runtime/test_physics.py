@@ -14,6 +14,6 @@ print(*(Path(os.fsdecode(each)).name for each in started), os.environ.get("MUJOC
 
 
 def test_no_process_searches_for_a_renderer():
-    said = subprocess.run([sys.executable, "-c", CODE], capture_output=True, text=True, check=True)
-    assert "python" not in said.stdout
-    assert said.stdout.strip().endswith("None")
+    done = subprocess.run([sys.executable, "-c", CODE], capture_output=True, text=True, check=True)
+    assert "python" not in done.stdout
+    assert done.stdout.strip().endswith("None")

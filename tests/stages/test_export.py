@@ -219,12 +219,12 @@ def test_ros_poses_name_the_base_that_the_calibration_or_the_user_names(grasps, 
         "parameters: {eye_on_hand: false, robot_base_frame: arm_base}\n"
         "transformation: {qw: 1, qx: 0, qy: 0, qz: 0, x: 0, y: 0, z: 1}\n"
     )
-    for number, (frame_id, said) in enumerate((("", "arm_base"), ("world", "world"))):
+    for number, (frame_id, expected) in enumerate((("", "arm_base"), ("world", "world"))):
         config = ExportConfig(to="ros-json", frame_id=frame_id)
         export.run(grasps, tmp_path / str(number), config, camera_to_base=eye)
         found = json.loads((tmp_path / str(number) / "desk" / "0007.json").read_text())
-        assert found["pose_array"]["header"]["frame_id"] == said
-        assert said in found["axes"]
+        assert found["pose_array"]["header"]["frame_id"] == expected
+        assert expected in found["axes"]
 
 
 def test_contact_graspnet_has_its_own_origin_unless_a_gripper_is_named(grasps, tmp_path):

@@ -62,7 +62,7 @@ def test_meshes_are_read_relative_to_the_file(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "sentence"),
     [
         ("prismatic", "revolute", "0 joints that slide"),
         ("<robot", "<!DOCTYPE r [<!ENTITY a 'b'>]><robot", "not XML"),
@@ -75,8 +75,10 @@ def test_meshes_are_read_relative_to_the_file(tmp_path):
         ('<child link="right"/>', '<child link="left"/>', "hangs on two joints"),
     ],
 )
-def test_a_urdf_without_a_parallel_gripper_is_reported_in_one_sentence(old, new, said, tmp_path):
-    with pytest.raises(FormatError, match=said):
+def test_a_urdf_without_a_parallel_gripper_is_reported_in_one_sentence(
+    old, new, sentence, tmp_path
+):
+    with pytest.raises(FormatError, match=sentence):
         measured(tmp_path, URDF.replace(old, new))
 
 

@@ -89,7 +89,7 @@ def bomb() -> str:
 
 
 @pytest.mark.parametrize(
-    ("frame", "said"),
+    ("frame", "sentence"),
     [
         ([1], "body is a list"),
         ({}, "without color"),
@@ -105,10 +105,10 @@ def bomb() -> str:
         (post(name=3), "no short text"),
     ],
 )
-def test_requests_without_a_valid_frame_are_reported_in_one_sentence(frame, said):
+def test_requests_without_a_valid_frame_are_reported_in_one_sentence(frame, sentence):
     answer = client_of(max_pixels=1_000_000).post("/grasps", json=frame)
     assert answer.status_code == 400
-    assert said in answer.json()["error"]
+    assert sentence in answer.json()["error"]
     assert "\n" not in answer.json()["error"]
 
 
@@ -201,9 +201,9 @@ def test_the_command_answers_the_example_and_ends_with_sigterm(tmp_path):
         finally:
             server.send_signal(signal.SIGTERM)
         assert server.wait(timeout=30) == 143
-        said = server.stderr.read().decode().splitlines()
-        assert said[-1] == "error: stopped by SIGTERM; the frames that it had begun are answered"
-        assert not any("Traceback" in line for line in said)
+        lines = server.stderr.read().decode().splitlines()
+        assert lines[-1] == "error: stopped by SIGTERM; the frames that it had begun are answered"
+        assert not any("Traceback" in line for line in lines)
 
 
 SLOW = """
@@ -240,9 +240,9 @@ def test_a_frame_that_outlasts_the_grace_or_a_second_signal_ends_in_one_sentence
             server.send_signal(signal.SIGTERM)
             time.sleep(0.5)
         assert server.wait(timeout=20) == 143
-        said = server.stderr.read()
+        printed = server.stderr.read()
         assert isinstance(lost.exception(), OSError | http.client.HTTPException)
-    assert said == (
+    assert printed == (
         "error: stopped by SIGTERM; frames that it had begun and that take over "
         f"{grace} s are lost\n"
     )

@@ -104,9 +104,14 @@ def test_frames_that_cannot_be_shown_are_named_and_the_rest_is_done(grasps, tmp_
     report = run(grasps, out)
     assert report.done == ["one/a"]
     assert report.exit_code == 1
-    said = {"one/b": "torn", "two/c": "cut off", "two/gone": "--frames", "../../out_of_it": "name"}
-    assert set(report.failed) == set(said)
-    assert all(words in report.failed[name] for name, words in said.items())
+    reasons = {
+        "one/b": "torn",
+        "two/c": "cut off",
+        "two/gone": "--frames",
+        "../../out_of_it": "name",
+    }
+    assert set(report.failed) == set(reasons)
+    assert all(words in report.failed[name] for name, words in reasons.items())
     assert sorted(path.name for path in out.rglob("*.html")) == ["a.html", "index.html"]
     reader = Reader((out / "index.html").read_text(encoding="utf-8"))
     assert all(sentence in reader.text for sentence in report.failed.values())
@@ -126,7 +131,7 @@ def test_grasps_of_images_of_another_size_are_refused(grasps, tmp_path):
     assert "is 160x120, but its grasps are of 320x240" in report.failed["one/a"]
 
 
-def test_a_second_run_skips_and_only_changed_frames_are_made_anew(grasps, tmp_path):
+def test_a_second_run_skips_pages_and_makes_only_changed_frames_again(grasps, tmp_path):
     out = tmp_path / "out"
     run(grasps, out)
     before = {path: path.stat().st_mtime_ns for path in (out / "frames").rglob("*")}

@@ -113,9 +113,9 @@ def test_outputs_of_another_version_are_reused_and_reported_once(tmp_path, caplo
     assert not caplog.messages
     assert is_finished(tmp_path / "a.json", STAMP)
     assert is_finished(tmp_path / "b.json", STAMP)
-    (said,) = caplog.messages
-    assert "made by symgrasp 0.0.7" in said
-    assert f"installed is {made['version']}" in said
+    (message,) = caplog.messages
+    assert "made by symgrasp 0.0.7" in message
+    assert f"installed is {made['version']}" in message
 
 
 def test_the_digest_of_a_pipe_does_not_wait_for_its_end(tmp_path):

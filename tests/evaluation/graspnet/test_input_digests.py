@@ -72,7 +72,7 @@ def test_files_that_are_not_read_do_not_change_the_digests(folder, file, matters
     assert changes == [matters, matters_exactly]
 
 
-def test_a_grid_beside_the_mesh_is_read_instead_of_it(folder):
+def test_a_grid_next_to_the_mesh_is_read_in_its_place(folder):
     before = [digests(folder), digests(folder, exact=True)]
     (folder / SURFACE).with_suffix(".sdf").write_text("a grid")
     after = [digests(folder), digests(folder, exact=True)]

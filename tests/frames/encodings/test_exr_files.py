@@ -32,7 +32,7 @@ def test_depth_is_read_from_any_channel(tmp_path: Path, kind: type, names: str) 
     assert_allclose(read_exr(write(tmp_path / "d.exr", **channels)), depth)
 
 
-def test_empty_channels_beside_the_depth_do_not_count(tmp_path: Path) -> None:
+def test_empty_channels_next_to_the_depth_are_ignored(tmp_path: Path) -> None:
     empty = np.zeros_like(METRES)
     assert_allclose(read_exr(write(tmp_path / "d.exr", R=METRES, G=empty, B=empty)), METRES)
 

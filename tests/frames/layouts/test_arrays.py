@@ -64,7 +64,7 @@ def test_a_pickle_is_refused_with_the_command_that_converts_it(tmp_path: Path) -
         source.read()
 
 
-def test_arrays_beside_a_pickle_of_the_same_name_are_read(tmp_path: Path) -> None:
+def test_arrays_next_to_a_pickle_of_the_same_name_are_read(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", {"depth": METRES}, allow_pickle=True)
     np.save(tmp_path / "b.npy", {"depth": METRES}, allow_pickle=True)
     np.savez(tmp_path / "a.npz", depth=METRES, K=build.K)

@@ -142,7 +142,7 @@ def test_a_single_bag_may_be_given(tmp_path: Path) -> None:
     assert len(find_frames(tmp_path / "b.bag")) == build.COUNT
 
 
-def test_depth_whose_topic_does_not_say_aligned_gives_a_warning(tmp_path: Path) -> None:
+def test_depth_whose_topic_is_not_called_aligned_gives_a_warning(tmp_path: Path) -> None:
     depth = {"depth": "/camera/depth/image_rect_raw", "info": "/camera/depth/camera_info"}
     write_bag(tmp_path / "a", topics=TOPICS | depth)
     assert "not called aligned" in find_frames(tmp_path)[0].read().notes[0]

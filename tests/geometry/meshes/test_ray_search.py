@@ -93,14 +93,14 @@ def test_rays_along_axes_and_through_edges_meet_a_box(search):
 def answers(*code: str) -> dict:
     """Return the figures of `ray_answers` from a separate process."""
     lines = "; ".join((*code, "from tests.geometry.meshes import ray_answers as r", "r.main()"))
-    said = subprocess.run(
+    printed = subprocess.run(
         [sys.executable, "-c", lines],
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
         check=True,
     ).stdout
-    return json.loads(said)
+    return json.loads(printed)
 
 
 @pytest.mark.skipif(not ray_search.has_embree(), reason="there is no Embree to compare with")

@@ -53,7 +53,7 @@ def test_a_finger_tip_that_reaches_into_the_wall_is_seen_in_part():
     assert shares[2] == 0.0
 
 
-def test_space_beside_the_image_and_behind_the_camera_is_not_seen():
+def test_space_outside_the_image_and_behind_the_camera_is_not_seen():
     grasp, metre = along_the_view(0.5), np.eye(3)
     beside = GraspPoses(grasp.rotation, grasp.translation + metre[:1], grasp.width)
     behind = GraspPoses(grasp.rotation, grasp.translation - metre[2:], grasp.width)

@@ -49,14 +49,17 @@ def test_confidence_is_the_probability_times_the_share_that_agrees():
 
 
 def test_points_that_disagree_give_no_confidence():
-    said = perfect()
+    predicted = perfect()
     rng = np.random.default_rng(0)
     wild = SymmetryOffsets(
-        said.points,
-        *(rng.normal(scale=0.1, size=each.shape) for each in (said.center, said.mirrored)),
-        rng.normal(scale=0.1, size=said.axis_foot.shape),
-        said.existence,
-        said.mode,
+        predicted.points,
+        *(
+            rng.normal(scale=0.1, size=each.shape)
+            for each in (predicted.center, predicted.mirrored)
+        ),
+        rng.normal(scale=0.1, size=predicted.axis_foot.shape),
+        predicted.existence,
+        predicted.mode,
     )
     found = symmetries_by_offsets(wild, SCENE)
     assert (found.existence < 0.1).all()
@@ -64,9 +67,14 @@ def test_points_that_disagree_give_no_confidence():
 
 
 def test_a_plane_whose_images_would_be_seen_is_refuted():
-    said = perfect()
+    predicted = perfect()
     aside = MIDDLE + 0.1 * POSE[:3, 0] - POINTS  # next to the box, over the bare table
     wrong = SymmetryOffsets(
-        said.points, aside, said.mirrored, said.axis_foot, said.existence, said.mode
+        predicted.points,
+        aside,
+        predicted.mirrored,
+        predicted.axis_foot,
+        predicted.existence,
+        predicted.mode,
     )
     assert symmetries_by_offsets(wrong, SCENE).existence[0] < 0.5 * 0.9

@@ -26,9 +26,9 @@ def read(path, model):
 
 def changed(path, model, tensors=None, **metadata):
     """Write the shipped weights of `model` with other tensors or metadata."""
-    own, said = load_weights(SHIPPED[model])
-    said = {name: text for name, text in {**said, **metadata}.items() if text is not None}
-    save_weights(path, {**own, **(tensors or {})}, said)
+    own, stored = load_weights(SHIPPED[model])
+    stored = {name: text for name, text in {**stored, **metadata}.items() if text is not None}
+    save_weights(path, {**own, **(tensors or {})}, stored)
     return path
 
 

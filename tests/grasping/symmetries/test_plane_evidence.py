@@ -79,12 +79,12 @@ def test_only_the_more_likely_of_oblique_planes_is_kept(box, monkeypatch):
         ReflectionSymmetry(rotation_about(up, np.radians(angle)) @ across.normal, across.point)
         for angle in (0.0, 45.0, 60.0, 90.0)
     ]
-    said = np.array([0.9, 0.8, 0.3, 0.2])
+    probability = np.array([0.9, 0.8, 0.3, 0.2])
     monkeypatch.setattr(
         "pipelines.grasping.symmetries.plane_evidence.fitted_planes",
         lambda _: (oblique, np.array([1, 2, 3, 1])),
     )
-    monkeypatch.setattr(type(CRITIC), "probability", lambda *_: said)
+    monkeypatch.setattr(type(CRITIC), "probability", lambda *_: probability)
     found = likely_planes(evidence_of(box), CRITIC)
     assert [each for _, each, _ in found] == [0.9, 0.3]  # 90 degrees is within 30 of a kept one
     assert found[0][0] is oblique[0]
@@ -110,9 +110,13 @@ def test_a_plane_that_the_network_names_is_a_candidate():
     across = ReflectionSymmetry(unit([1.0, 0.4, 0.1]), [0.0, 0.0, 0.6])
     rng = np.random.default_rng(0)
     points = rng.normal([0.0, 0.0, 0.6], 0.02, (300, 3))  # without faces, outline or table
-    said = SymmetrySlots(SILENT.existence.copy(), SILENT.point.copy(), SILENT.direction.copy())
-    said.existence[1], said.point[1], said.direction[1] = 0.9, across.point, across.normal
-    for slots, named in ((said, True), (SILENT, False)):
+    proposed = SymmetrySlots(SILENT.existence.copy(), SILENT.point.copy(), SILENT.direction.copy())
+    proposed.existence[1], proposed.point[1], proposed.direction[1] = (
+        0.9,
+        across.point,
+        across.normal,
+    )
+    for slots, named in ((proposed, True), (SILENT, False)):
         found, _ = candidate_planes(slots, UPRIGHT, points, unit(points), None)
         near = [abs(float(plane.normal @ across.normal)) > 0.9999 for plane in found]
         assert any(near) == named

@@ -74,7 +74,7 @@ def test_axes_are_fitted_to_the_axes_that_the_fit_prefers():
 
 
 @pytest.mark.parametrize("truth", [0.0, 1.0])
-def test_axes_or_spheres_that_are_all_alike_are_refused(truth):
+def test_axes_or_spheres_of_equal_truth_are_refused(truth):
     spheres = rows_of(*drawn(50), SPHERE_SLOT)
     axes = rows_of(np.random.default_rng(0).random((9, 3)), np.full(9, truth), ROTATION_SLOT)
     with pytest.raises(ValueRangeError, match=f"candidate axes is {int(9 * truth)} of 9 are true"):

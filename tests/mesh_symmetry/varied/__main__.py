@@ -51,7 +51,7 @@ def counted(variant: str, seed: int) -> Counter[str]:
         found = detect_symmetries(mesh, AnnotateSymmetryConfig(), np.random.default_rng(0))
         tally = judged(replace(truth, mesh=mesh), found)
         total += tally
-        if faults := [what for what in tally if tally[what] and " " in what]:
+        if faults := [fault for fault in tally if tally[fault] and " " in fault]:
             sys.stderr.write(f"{variant} {seed} {name}: {', '.join(faults)}\n")
     return total
 

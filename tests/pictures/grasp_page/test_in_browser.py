@@ -168,18 +168,18 @@ def test_grippers_and_rays_of_the_scripts_equal_those_of_python(tmp_path):
     """
     (tmp_path / "ask.js").write_text(f"{scripts}\n{ask}", encoding="utf-8")
     command = [str(NODE), str(tmp_path / "ask.js")]
-    said = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    printed = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
     boxes = GRIPPER.boxes(table.width[1])
     wanted = {
         tuple(np.round(table.rotation[1] @ [x, y, z] + table.translation[1], 5))
         for box in boxes for x in box[:, 0] for y in box[:, 1] for z in box[:, 2]
     }  # fmt: skip
-    drawn = {tuple(np.round(corner, 5)) for corner in np.array(said["corners"])}
-    assert len(said["corners"]) == 3 * 36
+    drawn = {tuple(np.round(corner, 5)) for corner in np.array(printed["corners"])}
+    assert len(printed["corners"]) == 3 * 36
     distance = [min(np.abs(np.subtract(a, b)).max() for b in wanted) for a in drawn]
     assert max(distance) < 2e-5
     assert len(wanted) == 24
-    clip = np.array(said["clip"]).reshape(4, 4).T @ [0.1, 0.2, 0.9, 1.0]
+    clip = np.array(printed["clip"]).reshape(4, 4).T @ [0.1, 0.2, 0.9, 1.0]
     assert np.abs(clip[:2] / clip[3]).max() < 1e-6  # the target of the view is in the middle
-    assert (said["box"], said["miss"]) == (3, False)
-    np.testing.assert_allclose(said["turned"], [0, 1, 0], atol=1e-12)
+    assert (printed["box"], printed["miss"]) == (3, False)
+    np.testing.assert_allclose(printed["turned"], [0, 1, 0], atol=1e-12)

@@ -77,7 +77,7 @@ def test_pieces_stay_within_the_bounds(name):
 
 @given(st.integers(0, 10_000))
 @settings(max_examples=10, deadline=None)
-def test_moving_moves_the_surface_and_the_pieces_alike(seed):
+def test_moving_moves_the_surface_and_the_pieces_together(seed):
     rng = np.random.default_rng(seed)
     R, t = random_rotation(rng), rng.normal(size=3)
     moved = box(SIZE).moved(R, t)

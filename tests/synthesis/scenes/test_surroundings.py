@@ -76,7 +76,7 @@ def test_walls_and_bases_stand_clear_of_all_objects(kind):
             assert depth_in(solid, corners(layout)) < 0.0
 
 
-def test_a_table_ends_beside_the_objects_and_not_under_them():
+def test_a_table_ends_outside_the_objects_and_not_under_them():
     for layout in layouts("edge"):
         table = layout.surroundings.table
         assert table.bounds[1, 2] == 0.0
@@ -122,7 +122,7 @@ def test_a_hand_in_the_scene_stays_above_the_table():
             assert tip[:, 2].max() > 0.0
 
 
-def test_a_plain_scene_does_not_depend_on_what_else_is_listed():
+def test_a_plain_scene_does_not_depend_on_the_other_listed_surroundings():
     alone = drawn_layout(blocks(3), ("plain",), np.random.default_rng(2))
     listed = drawn_layout(blocks(3), ("plain", "plain"), np.random.default_rng(2))
     assert_array_equal(alone.poses, listed.poses)

@@ -11,16 +11,16 @@ from hypothesis import settings
 
 MEMORY_OF_WORKER = 2e9  # bytes; the largest tests train a detector
 
-# One thread a process, and in what it starts: threads that wait for each other cost toy networks
+# One thread in each process and its children: threads that wait for each other cost toy networks
 # ten times the work, and workers share the cores.
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
-# Else each worker, and each command that a test starts, would compile all modules anew.
+# Otherwise each worker, and each command that a test starts, compiles all modules anew.
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
-# No test may fail because a machine is busy, nor by luck: the examples are the same everywhere.
+# No test may fail because a machine is busy or by chance: the examples are the same everywhere.
 settings.register_profile("untimed", deadline=None, derandomize=True)
 settings.load_profile("untimed")
 
@@ -29,7 +29,7 @@ SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 @pytest.fixture(scope="session")
 def shared() -> Path:
-    """The folder of real frames and meshes beside the checkout; skips where there is none."""
+    """The folder `shared` of real frames and meshes; skips the test where there is none."""
     if not SHARED.is_dir():
         pytest.skip(f"{SHARED} is not there: real frames and meshes are not part of the project")
     return SHARED
@@ -45,7 +45,7 @@ def files_are_not_synced() -> Iterator[None]:
 
 @pytest.fixture(scope="session", autouse=True)
 def loops_are_compiled_by_one_worker(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Let a worker that needs a loop which another compiles wait, and load what is kept then."""
+    """Let a worker wait while another compiles the loop it needs, and load the cached loop then."""
     if "PYTEST_XDIST_WORKER" not in os.environ:
         yield
         return
@@ -66,7 +66,7 @@ def loops_are_compiled_by_one_worker(tmp_path_factory: pytest.TempPathFactory) -
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add `--golden`: write the golden files anew; review the difference."""
+    """Add the option `--golden`, which writes the golden files anew; review the difference."""
     parser.addoption("--golden", action="store_true", help="write the golden files anew")
 
 

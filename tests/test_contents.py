@@ -1,4 +1,4 @@
-"""Checks that all readers share: what content may be, and the sentence where it is not."""
+"""Checks that all readers share: allowed content, and one error sentence otherwise."""
 
 import json
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ from pipelines.errors import FormatError, ValueRangeError
 
 @dataclass(frozen=True)
 class Inner:
-    """A part."""
+    """A dataclass for a part of the content."""
 
     share: float
     names: list[str] = field(default_factory=list)
@@ -20,7 +20,7 @@ class Inner:
 
 @dataclass(frozen=True)
 class Outer:
-    """A whole."""
+    """A dataclass for the whole content."""
 
     number: int
     parts: dict[str, Inner]
@@ -30,7 +30,7 @@ class Outer:
 WHOLE = {"number": 3, "parts": {"a": {"share": 1, "names": ["x"]}}, "note": None}
 
 
-def test_json_becomes_dataclasses_and_whole_numbers_floats() -> None:
+def test_json_is_read_into_dataclasses_and_whole_numbers_become_floats() -> None:
     found = typed(Outer, WHOLE)
     assert found == Outer(3, {"a": Inner(1.0, ["x"])})
     assert type(found.parts["a"].share) is float
@@ -60,13 +60,13 @@ def test_another_type_anywhere_inside_is_refused(change: dict[str, object]) -> N
     "error",
     [KeyError("a"), TypeError("x"), OverflowError("y"), ValueRangeError("z", 1, "two")],
 )
-def test_what_content_raises_becomes_one_sentence(error: Exception) -> None:
+def test_errors_raised_by_content_become_one_sentence(error: Exception) -> None:
     expected = pytest.raises(FormatError, match=r"f\.json: a part is not right \(.*\); two")
     with expected, reading("f.json", "a part", "two"):
         raise error
 
 
-def test_a_sentence_that_is_one_already_stays() -> None:
+def test_an_error_sentence_does_not_change() -> None:
     with pytest.raises(FormatError, match="g: h; i"), reading("f", "a", "b"):
         raise FormatError("g", "h", "i")
 
@@ -86,7 +86,9 @@ def test_half_a_character_in_json_is_refused_and_a_whole_one_read() -> None:
             json_value("f", half)
 
 
-def test_json_within_the_bounds_is_read_and_beyond_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_json_within_the_limits_is_read_and_larger_json_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     assert json_value("f", b'{"a": [1, 2]}') == {"a": [1, 2]}
     deep = ("[" * 101 + "]" * 101).encode()
     with pytest.raises(FormatError, match="too deep"):
@@ -97,7 +99,7 @@ def test_json_within_the_bounds_is_read_and_beyond_refused(monkeypatch: pytest.M
 
 
 @pytest.mark.parametrize("levels", [1, 3])
-def test_levels_are_those_of_lists_and_mappings_in_each_other(levels: int) -> None:
+def test_levels_count_nested_lists_and_mappings(levels: int) -> None:
     content: object = 1
     for _ in range(levels):
         content = {"a": [content]}
@@ -105,6 +107,6 @@ def test_levels_are_those_of_lists_and_mappings_in_each_other(levels: int) -> No
     assert is_deep(content, 2 * levels - 1)
 
 
-def test_a_part_that_is_no_mapping_is_empty() -> None:
+def test_a_part_that_is_no_mapping_is_read_as_empty() -> None:
     assert mapping_in({"a": {"b": 1}}, "a") == {"b": 1}
     assert mapping_in({"a": 1}, "a") == mapping_in([], "a") == mapping_in(None, "a") == {}

@@ -53,8 +53,8 @@ def test_a_signal_ends_the_process_where_a_library_catches_everything(tmp_path, 
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_signals_are_heeded_before_the_commands_are_imported(number):
-    # The first import that follows is answered with the signal.
+def test_signals_are_handled_before_the_commands_are_imported(number):
+    # The first import after this sends the signal.
     hook = (
         "import os; from types import SimpleNamespace; "
         f"find = lambda name, *rest: os.kill(os.getpid(), {int(number)}); "
@@ -116,7 +116,7 @@ def test_handlers_that_a_library_sets_are_undone():
     assert signal.getsignal(signal.SIGTERM) is before
 
 
-def test_a_command_ends_without_a_last_search_for_cycles():
+def test_a_command_ends_without_a_last_garbage_collection():
     watch = "import atexit, gc; atexit.register(lambda: print('frozen', gc.get_freeze_count())); "
     ended = subprocess.run(
         [sys.executable, "-c", f"{watch}{START}main()", "config", "--help"],

@@ -1,4 +1,4 @@
-"""Sentences of errors: one line, and nothing that moves a terminal's cursor."""
+"""Sentences of errors: one line, without characters that move a terminal's cursor."""
 
 import logging
 import pickle
@@ -20,16 +20,16 @@ from symgrasp_cli.app import PlainFormatter
         ("\u202egnp.exe", "%E2%80%AEgnp.exe"),
     ],
 )
-def test_what_no_terminal_should_be_sent_is_written_as_in_an_url(text: str, shown: str) -> None:
+def test_control_characters_are_written_as_in_a_url(text: str, shown: str) -> None:
     assert printable(text) == shown
     assert str(SymgraspError(text)) == shown
 
 
-def test_an_error_that_a_worker_sends_back_says_the_same() -> None:
+def test_an_error_that_a_worker_sends_back_has_the_same_text() -> None:
     error = FormatError("a\x1b", "b", "c")
     assert str(pickle.loads(pickle.dumps(error))) == str(error) == "a%1B: b; c"
 
 
-def test_a_warning_of_a_strange_name_stays_in_its_line() -> None:
+def test_a_warning_about_a_strange_name_is_one_line() -> None:
     record = logging.LogRecord("x", logging.WARNING, "", 0, "%s: odd", ("a\n\x1b[2J",), None)
     assert PlainFormatter("%(message)s").format(record) == "a%0A%1B[2J: odd"

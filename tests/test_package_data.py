@@ -1,4 +1,4 @@
-"""The wheel's files: all that the package reads at run time is named in pyproject.toml."""
+"""The wheel's files: pyproject.toml names all files that the package reads at run time."""
 
 import tomllib
 from pathlib import Path
@@ -7,7 +7,7 @@ ROOT = Path(__file__).resolve().parents[1]
 KEPT_BY_PYTHON = {".py", ".pyc", ".nbi", ".nbc"}
 
 
-def test_every_file_of_the_package_that_is_no_module_is_shipped():
+def test_every_data_file_of_the_package_is_shipped():
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     for package, patterns in settings["tool"]["setuptools"]["package-data"].items():
         folder = ROOT / package

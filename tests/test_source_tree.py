@@ -1,4 +1,4 @@
-"""The source tree: small folders, docstrings that name their subject, one definition a name."""
+"""The source tree: small folders, docstrings that name their subject, one definition per name."""
 
 import ast
 from collections import Counter, defaultdict
@@ -7,7 +7,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 TOPS = ("symgrasp_cli", "pipelines", "symgrasp", "tools", "benchmarks")
-LARGEST_FOLDER = 12  # modules of a folder without folders of its own
+LARGEST_FOLDER = 12  # modules of a folder without subfolders
 QUESTIONS = ("What", "Where", "How", "Who", "Of")
 # One role, one name: callers name the module with it, as in `symmetry_labels.read`.
 ROLES = {
@@ -26,7 +26,7 @@ ROLES = {
     "write_frame",
 }
 
-# Names that are still to be mended; nothing may be added.
+# Names still defined twice, to be fixed; none may be added.
 TWICE = {"collected"}
 
 
@@ -41,12 +41,12 @@ def sources() -> dict[str, ast.Module]:
 
 
 def public_names(module: ast.Module) -> set[str]:
-    """Classes, functions and constants of a module, those with an underscore in front left out."""
+    """Classes, functions and constants of a module without a leading underscore."""
     found = set()
     for node in module.body:
         match node:
             case ast.Assign(value=ast.Call(func=ast.Name(id="TypeVar"))):
-                pass  # a placeholder of its own module
+                pass  # a type variable is private to its module
             case ast.ClassDef(name=name) | ast.FunctionDef(name=name):
                 found.add(name)
             case ast.Assign(targets=[ast.Tuple(elts=targets)] | targets):
@@ -56,7 +56,7 @@ def public_names(module: ast.Module) -> set[str]:
     return {name for name in found if not name.startswith("_")}
 
 
-def test_no_folder_of_the_package_holds_more_modules_than_a_reader_takes_in():
+def test_no_folder_of_the_package_holds_too_many_modules():
     modules = [file for file in (ROOT / "pipelines").rglob("*.py") if file.stem != "__init__"]
     counts = Counter(file.parent for file in modules)
     piles = {
@@ -83,7 +83,7 @@ def test_a_public_name_is_defined_in_one_module_only():
     for file, module in modules.items():
         for name in public_names(module) - ROLES:
             homes[name].append(file)
-    shared = imported(modules)  # a constant that no module imports is its own module's affair
+    shared = imported(modules)  # a constant that no module imports may have the name of another
     twice = {
         name: files
         for name, files in sorted(homes.items())
@@ -92,7 +92,7 @@ def test_a_public_name_is_defined_in_one_module_only():
     assert twice.keys() <= TWICE
 
 
-def test_paths_are_followed_by_the_function_that_bears_links_in_a_circle():
+def test_paths_are_resolved_by_the_function_that_accepts_circular_links():
     calls = [
         f"{name}:{node.lineno}"
         for name, module in sources().items()

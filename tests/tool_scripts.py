@@ -9,7 +9,7 @@ TOOLS = Path(__file__).parents[1] / "tools"
 
 
 def load(name: str) -> ModuleType:
-    """Return tools/NAME.py, whose imports of its neighbours are found too."""
+    """Return tools/NAME.py as a module; imports of its neighbours work too."""
     sys.path.insert(0, str(TOOLS))
     try:
         return importlib.import_module(name)

@@ -85,7 +85,7 @@ def test_the_same_frame_gives_the_same_grasps_each_time(light):
     assert_same(light(COLOR, DEPTH, lens), light(COLOR, DEPTH, lens))
 
 
-def test_the_users_masks_are_the_regions_and_say_which_they_are(light):
+def test_the_users_masks_become_the_regions_and_number_their_instances(light):
     ids = np.select([INDEX == 0, INDEX == 1], [9, 4])
     by_id = light(COLOR, DEPTH, CAMERA, masks=ids)
     assert [(r.source, r.instance) for r in by_id.regions] == [("masks", 4), ("masks", 9)]
@@ -109,7 +109,7 @@ def test_grasps_keep_to_the_workspace(light):
     assert "workspace" in none.message
 
 
-def test_a_gripper_is_a_name_a_file_or_made(tmp_path):
+def test_a_gripper_is_given_by_name_by_file_or_as_an_object(tmp_path):
     narrow = replace(load_gripper("rg2"), name="narrow", max_opening=0.06)
     lines = [f"{f.name} = {getattr(narrow, f.name)!r}" for f in fields(narrow)]
     path = tmp_path / "narrow.toml"
@@ -122,7 +122,7 @@ def test_a_gripper_is_a_name_a_file_or_made(tmp_path):
     assert GraspDetector("franka", settings=LIGHT).gripper.name == "franka"
 
 
-def test_settings_are_changed_by_name_by_a_file_or_as_a_whole(tmp_path):
+def test_settings_are_changed_by_name_by_a_file_or_all_at_once(tmp_path):
     names = {"regions": "geometric", "method": "planar", "selection.feasibility.min_width": 0.06}
     by_name = GraspDetector(settings=names)
     path = tmp_path / "infer.toml"
@@ -138,7 +138,7 @@ def test_settings_are_changed_by_name_by_a_file_or_as_a_whole(tmp_path):
     assert GraspDetector(settings=LIGHT)(COLOR, DEPTH, CAMERA).width.min() < 0.06
 
 
-def test_the_gripper_may_be_a_setting_and_an_argument_goes_before_it():
+def test_the_gripper_argument_goes_before_the_gripper_setting():
     settings = {"regions": "geometric", "method": "planar", "gripper": "franka"}
     assert GraspDetector(settings=settings).gripper.name == "franka"
     assert GraspDetector("rg2", settings=settings).gripper.name == "rg2"
@@ -180,12 +180,14 @@ def test_nothing_is_written_and_no_picture_kept(light, tmp_path, monkeypatch):
         ({"grasp_critic": "none.safetensors"}, MissingInputError, "none.safetensors does not"),
     ],
 )
-def test_what_cannot_be_loaded_is_said_when_the_detector_is_made(options, kind, sentence):
+def test_files_and_names_that_cannot_be_loaded_are_reported_when_the_detector_is_made(
+    options, kind, sentence
+):
     with pytest.raises(kind, match=sentence):
         GraspDetector(**options)
 
 
-def test_a_frame_that_is_none_is_refused_in_a_sentence(light):
+def test_arrays_that_make_no_frame_are_refused_in_one_sentence(light):
     with pytest.raises(SymgraspError, match="color is an array"):
         light(COLOR / 255, DEPTH, CAMERA)
     with pytest.raises(SymgraspError, match="masks is an array"):

@@ -1,4 +1,4 @@
-"""Input of a caller: the accepted kinds, and a sentence for every other one."""
+"""Input of a caller: the accepted kinds, and an error sentence for every other kind."""
 
 import numpy as np
 import pytest
@@ -48,13 +48,13 @@ def test_intrinsics_are_four_numbers_a_matrix_or_named(intrinsics):
         ((DEPTH * 1000).astype(np.int32), None),
     ],
 )
-def test_depth_is_floats_in_metres_or_whole_numbers_in_millimetres_or_as_it_is_said(depth, units):
+def test_depth_is_floats_in_metres_or_whole_numbers_in_millimetres_or_a_stated_unit(depth, units):
     read = frame_of(COLOR, depth, LENS, units).depth
     assert read.dtype == np.float32
     np.testing.assert_allclose(read, 0.8, atol=1e-6)
 
 
-def test_a_bundled_frame_is_what_its_files_hold():
+def test_a_bundled_frame_holds_the_content_of_its_files():
     files = FRAMES / "table_3_color.png", FRAMES / "table_3_depth.png"
     color, depth = (read_image(path) for path in files)
     camera = read_json(FRAMES / "table_3_camera.json")
@@ -73,7 +73,7 @@ def test_the_unit_of_a_camera_file_holds_for_whole_numbers():
     np.testing.assert_allclose(frame_of(COLOR, DEPTH, named).depth, 0.8, atol=1e-6)
 
 
-def test_pixels_that_are_no_distance_are_missing_and_the_callers_array_stays_as_it_is():
+def test_pixels_without_a_valid_distance_are_missing_and_the_callers_array_does_not_change():
     depth = DEPTH.copy()
     depth[0, :4] = np.nan, np.inf, -1.0, 0.0
     before = depth.copy()
@@ -117,7 +117,7 @@ def test_pixels_that_are_no_distance_are_missing_and_the_callers_array_stays_as_
         ({"units": np.nan}, "depth_units_per_metre is nan"),
     ],
 )
-def test_what_is_no_frame_is_refused_in_a_sentence(changed, sentence):
+def test_arrays_that_make_no_frame_are_refused_in_one_sentence(changed, sentence):
     given = {"color": COLOR, "depth": DEPTH, "intrinsics": LENS} | changed
     if sentence is None:
         frame_of(**given)
@@ -127,7 +127,7 @@ def test_what_is_no_frame_is_refused_in_a_sentence(changed, sentence):
     assert "\n" not in str(error.value)
 
 
-def test_masks_are_ids_or_one_mask_or_a_stack_where_the_first_has_a_pixel():
+def test_masks_are_ids_or_one_mask_or_a_stack_whose_first_mask_takes_shared_pixels():
     ids = np.zeros(SHAPE, np.uint8)
     ids[:4], ids[9:12] = 3, 9
     np.testing.assert_array_equal(instance_masks(ids, SHAPE).labels, ids)
@@ -153,7 +153,7 @@ def test_masks_are_ids_or_one_mask_or_a_stack_where_the_first_has_a_pixel():
         ([np.ones(SHAPE, bool), np.ones((2, 2), bool)], "masks is no array"),
     ],
 )
-def test_masks_that_cannot_be_meant_are_refused_in_a_sentence(masks, sentence):
+def test_masks_of_wrong_shape_or_type_are_refused_in_one_sentence(masks, sentence):
     with pytest.raises(SymgraspError, match=sentence):
         instance_masks(masks, SHAPE)
 
@@ -179,6 +179,6 @@ def test_a_workspace_is_a_mask_or_a_box():
         ("left", "workspace is 'left'"),
     ],
 )
-def test_a_workspace_that_cannot_be_meant_is_refused_in_a_sentence(workspace, sentence):
+def test_a_workspace_of_wrong_shape_or_type_is_refused_in_one_sentence(workspace, sentence):
     with pytest.raises(SymgraspError, match=sentence):
         workspace_of(workspace, SHAPE)

@@ -32,7 +32,7 @@ def test_every_column_of_the_file_but_the_frame_is_an_attribute():
     assert columns <= {field.name for field in fields(Grasps)}
 
 
-def test_the_best_of_all_regions_comes_first():
+def test_the_best_grasp_of_all_regions_comes_first():
     assert len(GRASPS) == len(SHUFFLED.grasps)
     assert (np.diff(GRASPS.rank_score) <= 0).all()
     assert GRASPS.rank_in_frame.tolist() == list(range(12))
@@ -82,7 +82,7 @@ def test_poses_and_openings_are_those_of_an_export():
     assert GRASPS[4].opening == GRASPS.opening[4]
 
 
-def test_both_conventions_have_the_approach_along_z_and_close_along_their_axis():
+def test_both_conventions_approach_along_z_and_close_along_their_named_axis():
     for convention, column in (("closing_y", 1), ("closing_x", 0)):
         poses = GRASPS.poses(convention)
         np.testing.assert_allclose(poses[:, :3, 2], GRASPS.rotation[:, :, 0], atol=1e-6)
@@ -92,7 +92,7 @@ def test_both_conventions_have_the_approach_along_z_and_close_along_their_axis()
         GRASPS.poses("z")
 
 
-def test_no_grasps_are_said_with_the_reason():
+def test_a_frame_without_grasps_gives_the_reason():
     empty = ordered_grasps(FrameResult("f", "empty", "nothing stands out", CAMERA), GRIPPER)
     assert (len(empty), list(empty), empty.poses().shape) == (0, [], (0, 4, 4))
     with pytest.raises(SymgraspError, match="there is no grasp: nothing stands out"):
@@ -146,7 +146,7 @@ def test_regions_have_their_masks():
         assert region.instance is None
 
 
-def test_regions_of_masks_have_the_masks_numbers():
+def test_regions_from_masks_have_the_numbers_of_the_masks():
     ids = np.zeros((12, 16), np.int32)
     masks = [np.zeros((12, 16), bool) for _ in range(2)]
     for mask, id_, place in zip(masks, (7, 0), ((3, 4), (0, 9)), strict=True):
@@ -164,6 +164,6 @@ def test_regions_of_masks_have_the_masks_numbers():
     assert [region.instance for region in grasps.regions] == [7, 0]
 
 
-def test_what_is_printed_of_grasps_and_regions_is_a_line():
+def test_grasps_and_regions_are_printed_as_one_line():
     assert repr(GRASPS).startswith("Grasps(12 in 3 regions, best rank_score ")
     assert repr(frame_with_symmetries().regions[0]).endswith("rotation 0.90, reflection 0.40)")

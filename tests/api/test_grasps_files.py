@@ -43,21 +43,21 @@ def test_frames_are_read_by_name_in_the_order_of_the_file(tmp_path):
     np.testing.assert_array_equal(frames["s/a"].regions[1].mask, expected.regions[1].mask)
 
 
-def test_a_frame_that_failed_has_no_grasps_and_says_why(tmp_path):
+def test_a_failed_frame_has_no_grasps_and_gives_the_reason(tmp_path):
     frame = read_grasps(written(tmp_path / "g.h5"))["b"]
     assert (len(frame), frame.regions, frame.intrinsics) == (0, (), None)
     with pytest.raises(SymgraspError, match="depth has 8 bits"):
         _ = frame.best
 
 
-def test_a_frame_that_is_not_there_is_a_key_error_in_a_sentence(tmp_path):
+def test_a_missing_frame_raises_a_key_error_of_one_sentence(tmp_path):
     frames = read_grasps(written(tmp_path / "g.h5"))
     with pytest.raises(SymgraspError, match=r"frame of .*g.h5 'a' is not known; known are b, c"):
         frames["a"]
     assert frames.get("a") is None
 
 
-def test_poses_are_of_the_gripper_that_the_grasps_were_found_for_or_of_another(tmp_path):
+def test_poses_are_for_the_gripper_that_the_grasps_were_found_for_or_for_a_named_one(tmp_path):
     path = written(tmp_path / "g.h5")
     assert read_grasps(path).gripper == load_gripper("franka")
     assert read_grasps(path, "rg2").gripper == load_gripper("rg2")
@@ -65,7 +65,7 @@ def test_poses_are_of_the_gripper_that_the_grasps_were_found_for_or_of_another(t
     assert read_grasps(path, own)["s/a"].gripper is own
 
 
-def test_a_gripper_that_is_gone_or_has_changed_must_be_named(tmp_path):
+def test_a_gripper_whose_file_is_gone_or_has_changed_must_be_named(tmp_path):
     gone = written(tmp_path / "gone.h5", str(tmp_path / "mine.toml"))
     with pytest.raises(SymgraspError, match=r"mine.toml.* no longer exists"):
         read_grasps(gone)
@@ -86,7 +86,7 @@ def test_a_file_of_version_1_is_read(tmp_path):
         assert np.isnan(one.existence)
 
 
-def test_what_is_no_file_of_grasps_is_refused_in_a_sentence(tmp_path):
+def test_a_file_without_grasps_is_refused_in_one_sentence(tmp_path):
     (tmp_path / "g.h5").write_text("grasps")
     with pytest.raises(FormatError, match=r"g\.h5"):
         read_grasps(tmp_path / "g.h5")

@@ -1,4 +1,4 @@
-"""The package as it is imported, and as the command line."""
+"""The package when it is imported, and as the command line."""
 
 import subprocess
 import sys
@@ -12,7 +12,7 @@ def python(*arguments):
     return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, check=False)
 
 
-def test_importing_the_package_loads_nothing_that_is_slow():
+def test_importing_the_package_loads_no_slow_module():
     heavy = {"torch", "numpy", "numba", "cv2", "h5py", "scipy", "typer"}
     code = (
         "import sys, symgrasp; symgrasp.SymgraspError; "
@@ -31,7 +31,7 @@ def test_files_are_read_and_names_imported_without_torch():
     assert result.returncode == 0, result.stderr
 
 
-def test_every_public_name_is_there_and_others_are_not():
+def test_every_public_name_can_be_imported_and_no_other():
     for name in symgrasp.__all__:
         assert getattr(symgrasp, name) is not None
     assert dir(symgrasp) == sorted(symgrasp.__all__)
@@ -39,6 +39,6 @@ def test_every_public_name_is_there_and_others_are_not():
         _ = symgrasp.GraspFinder
 
 
-def test_the_package_is_the_command_line_too():
+def test_the_package_runs_the_command_line_too():
     result = python("-m", "symgrasp", "--version")
     assert result.stdout.split() == ["symgrasp", symgrasp.__version__]

@@ -13,14 +13,14 @@ MAGIC = b"\x93NUMPY\x01\x00"
 
 
 def npy_bytes(array: np.ndarray[Any, Any]) -> bytes:
-    """Return `array` as a .npy file has it."""
+    """Return `array` as the bytes of a .npy file."""
     buffer = io.BytesIO()
     np.lib.format.write_array(buffer, array, allow_pickle=True)
     return buffer.getvalue()
 
 
 def npy_array(data: bytes, rng: random.Random) -> bytes:
-    """Return a .npy of another shape, type or content, or with a header that lies."""
+    """Return a .npy of another shape, type or content, or with a wrong header."""
     array = np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
     kinds = ("i1", "u8", "c16", "f2", "U3", "S2", "?", "M8[s]")
     lies = ("<U500000000", "|V1000000000", "O", "x", "[('a','<f8')]")

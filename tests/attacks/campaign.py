@@ -1,4 +1,4 @@
-"""A world of right inputs, made once, and attacks on it in turn."""
+"""A folder of right inputs (the world), made once, and attacks on it in turn."""
 
 import importlib
 import os
@@ -22,7 +22,7 @@ from tests.attacks.trial import (
 
 
 def made_world(folder: Path, *, small: bool = False) -> Path:
-    """Return the folder of right inputs in `folder`; made if it is not there."""
+    """Return the folder of right inputs in `folder`, after making it if it is missing."""
     import_stages()
     made = folder / "world"
     if not made.exists():
@@ -42,9 +42,9 @@ def attacked(
     small: bool = False,
     named: str = "",
 ) -> Iterator[Outcome]:
-    """Yield what becomes of `count` attacks; the same seeds are the same attacks.
+    """Yield the outcomes of `count` attacks; the same seeds give the same attacks.
 
-    `named`: how the command lines begin that are attacked, if not all are.
+    `named`: first words of the command lines to attack; empty for all.
     """
     attacks = [
         each for each in world.ATTACKS if (each.small or not small) and each.line.startswith(named)
@@ -56,23 +56,23 @@ def attacked(
 
 
 def unharmed(made: Path, folder: Path, *, small: bool = False) -> Iterator[Outcome]:
-    """Yield what becomes of each command with its right inputs; a fault where it does not work."""
+    """Yield the outcome of each command on its right inputs, with a fault if it fails."""
     for number, chosen in enumerate(world.ATTACKS):
         if chosen.small or not small:
             yield unharmed_run(made, folder / f"well{number}", chosen)
 
 
 def swept_by_links(made: Path, folder: Path) -> Iterator[Outcome]:
-    """Yield what becomes of each command with each of `LINKS` in the place of each input."""
+    """Yield the outcome of each command with each of `LINKS` in the place of each input."""
     for chosen in world.ATTACKS:
-        if chosen.words[0] != POST:  # a body is no file
+        if chosen.words[0] != POST:  # its input is the body of a request, not a file
             files = {p for each in chosen.inputs.split() for p in matching(made, each)}
             for number, (file, kind) in enumerate(product(sorted(files), LINKS)):
                 yield link_attack(made, folder / f"link{number}", chosen, file, kind)
 
 
 def import_stages() -> None:
-    """Import what the commands need, once for all forks; no loop is run and no thread started."""
+    """Import the modules of all commands once for all forks; runs no loop, starts no thread."""
     import torch
 
     from symgrasp_cli.app import COMMANDS

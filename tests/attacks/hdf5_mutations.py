@@ -1,4 +1,4 @@
-"""Mutations of HDF5 files: odd attributes and datasets, links that lead outside, sizes that lie."""
+"""Mutations of HDF5 files: odd attributes and datasets, links that lead outside, wrong sizes."""
 
 import io
 import os
@@ -13,7 +13,7 @@ from pipelines.storage import h5_files
 
 
 def mutated(data: bytes, path: Path, rng: random.Random) -> str:
-    """Write `data`, an HDF5 file, to `path` with one thing in it changed; return what."""
+    """Write the HDF5 file `data` to `path` with one change; return the change in words."""
     buffer = io.BytesIO(data)
     with h5py.File(buffer, "r+") as file:
         names: list[str] = []
@@ -22,7 +22,7 @@ def mutated(data: bytes, path: Path, rng: random.Random) -> str:
         done = kind(file, names, path, rng)
     content = buffer.getvalue()
     path.write_bytes(content)
-    if rng.random() < 0.7:  # with a check sum that is right
+    if rng.random() < 0.7:  # with the right check sum
         check_sum = h5_files._check_sum(path, len(content))
         with path.open("ab") as stream:
             stream.write(h5_files.SEAL.pack(h5_files.MARK, len(content), check_sum))

@@ -46,7 +46,7 @@ Mutation = Callable[[bytes, random.Random], bytes]
 
 
 def mutate(path: Path, rng: random.Random) -> str:
-    """Put a mutation in the place of the file `path`; return what was done, in words."""
+    """Put a mutation in the place of the file `path`; return the change in words."""
     kinds = [*BY_SUFFIX.get(path.suffix.lower(), (odd_token,)), damaged]
     kind = rng.choices(kinds, [3] * (len(kinds) - 1) + [1])[0]
     data = path.read_bytes()
@@ -182,7 +182,7 @@ def odd_token(data: bytes, rng: random.Random) -> bytes:
 
 
 def png_size(data: bytes, rng: random.Random) -> bytes:
-    """Return a PNG of other sizes or bits than its pixels have, or a bomb; check sums are right."""
+    """Return a PNG with wrong sizes or bits in its header, or a bomb; check sums are right."""
     width, height, bits, kind = struct.unpack_from(">IIBB", data, 16)
     match rng.randrange(6):
         case 0:
@@ -334,7 +334,7 @@ LINKS = ("a pipe", "a folder", "a link to itself", "a device", "a link to nothin
 
 
 def with_link(path: Path, kind: str) -> str:
-    """Put what is no plain file, one of `LINKS`, in the place of `path`; return the kind."""
+    """Put a link, pipe, folder or device (`LINKS`) in the place of `path`; return `kind`."""
     path.unlink()
     match kind:
         case "a pipe":

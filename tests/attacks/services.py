@@ -19,7 +19,7 @@ BAGS = ("bag1", "bag2", "compressed", "mcap")
 
 
 def write_services(folder: Path) -> None:
-    """Write bags, frames with EXR depth, a frame as it is posted, and a URDF into `folder`."""
+    """Write bags, frames with EXR depth, the body of a posted frame, and a URDF into `folder`."""
     for name in BAGS:
         (folder / "frames" / name).mkdir(parents=True)
     write_bag(folder / "frames/bag1/a.bag", ros=1)
@@ -33,7 +33,7 @@ def write_services(folder: Path) -> None:
 
 
 def post(path: Path) -> int:
-    """Post the file to an application of `serve`; return 0 if it is answered, 1 if refused.
+    """Post the file to the application of `serve`; return 0 if answered, 1 if refused.
 
     A failure of the server itself is raised.
     """

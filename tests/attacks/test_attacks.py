@@ -30,7 +30,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
-def test_no_attack_ends_in_a_traceback_a_hang_a_crash_or_a_file_half_written(folder: Path) -> None:
+def test_no_attack_ends_in_a_traceback_a_hang_a_crash_or_a_half_written_file(folder: Path) -> None:
     made = made_world(folder)
     outcomes = attacked(made, folder, WANTED or FEW, small=not WANTED)
     assert not [outcome for outcome in outcomes if outcome.fault]
@@ -42,7 +42,7 @@ def test_every_attacked_command_works_on_its_right_inputs(folder: Path) -> None:
     assert len(outcomes) > FEW
 
 
-def test_a_command_that_stands_still_is_a_hang(tmp_path: Path, monkeypatch) -> None:
+def test_a_command_that_stands_still_counts_as_a_hang(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(trial, "post", lambda _path: time.sleep(600))
     monkeypatch.setattr(trial, "SECONDS", 0.1)
     monkeypatch.setattr(trial, "STILL", 0.1)

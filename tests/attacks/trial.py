@@ -23,7 +23,7 @@ from tests.attacks.world import Attack
 
 MEMORY = 2_500_000_000  # bytes
 SECONDS = 60.0  # on the clock, or of CPU time where the machine is busy
-STILL = 20.0  # seconds with less than one of CPU time that are a hang, after those
+STILL = 20.0  # further seconds with less than one second of CPU time are a hang
 LINK_SHARE = 0.03
 TRACE = "Traceback (most recent call last)"
 CONTROLS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f\x9b]")
@@ -43,7 +43,7 @@ class Ended:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of an attack; `fault` is empty where all went well."""
+    """The outcome of an attack; `fault` is empty where all went well."""
 
     line: str
     seed: int
@@ -54,10 +54,10 @@ class Outcome:
 
 
 def attack(world: Path, folder: Path, chosen: Attack, seed: int) -> Outcome:
-    """Copy `world` to `folder`, mutate an input of `chosen`, run it, and say what happened."""
+    """Copy `world` to `folder`, mutate an input of `chosen`, run it, and return the outcome."""
     rng = random.Random(seed)
     file = rng.choice(matching(world, rng.choice(chosen.inputs.split())))
-    is_link = rng.random() < LINK_SHARE and chosen.words[0] != POST  # a body is no file
+    is_link = rng.random() < LINK_SHARE and chosen.words[0] != POST  # a body is not a file
     kind = rng.choice(LINKS) if is_link else ""
     return _tried(
         world,
@@ -72,12 +72,12 @@ def attack(world: Path, folder: Path, chosen: Attack, seed: int) -> Outcome:
 def link_attack(
     world: Path, folder: Path, chosen: Attack, file: Path, kind: str, seed: int = 0
 ) -> Outcome:
-    """Put what `kind` names in the place of `file` of `world`, run, and say what happened."""
+    """Replace `file` of `world` by a link of `kind`, run, and return the outcome."""
     return _tried(world, folder, chosen, seed, file, lambda path: with_link(path, kind))
 
 
 def unharmed_run(world: Path, folder: Path, chosen: Attack) -> Outcome:
-    """Run the command of `chosen` on its right inputs, and say what happened."""
+    """Run the command of `chosen` on its right inputs, and return the outcome."""
     file = matching(world, chosen.inputs.split()[0])[0]
     outcome = _tried(world, folder, chosen, 0, file, lambda _path: "none")
     return replace(outcome, fault=outcome.fault or ("no success" if outcome.ended.code else ""))
@@ -132,7 +132,7 @@ def run(folder: Path, words: tuple[str, ...], memory: int = MEMORY) -> Ended:
 
 
 class _Watch:
-    """The CPU time of a group of processes, looked at once a second."""
+    """The CPU time of a group of processes, measured once a second."""
 
     def __init__(self, group: int) -> None:
         self.group, self.is_hang = group, False
@@ -208,7 +208,7 @@ def _fault(ended: Ended) -> str:
 
 
 def _half_written(folder: Path, chosen: Attack) -> str:
-    """Return what is wrong with the outputs: temporary files left, or files that are not whole."""
+    """Return the fault of the outputs: temporary files left, or files that are not whole."""
     left = [p for p in folder.rglob(".*") if not p.name.startswith(".lock")]
     if left:
         return f"left {left[0].name}"

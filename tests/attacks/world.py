@@ -47,14 +47,14 @@ distortion_coefficients: {rows: 1, cols: 5, data: [0.0, 0.0, 0.0, 0.0, 0.0]}
 
 @dataclass(frozen=True)
 class Attack:
-    """A command line, patterns of its inputs that are mutated, and what it writes.
+    """A command line, patterns of its inputs that are mutated, and its output.
 
     Attributes:
         line: the command line; paths are relative to the world.
-        inputs: patterns of the files to mutate, one after the other likelier if named twice.
+        inputs: patterns of the files to mutate; one that stands twice is drawn twice as often.
         output: file or folder.
-        share: how often it is drawn, beside the others.
-        small: whether the world without the outputs of other commands has its inputs.
+        share: how often the attack is drawn, relative to the others.
+        small: whether its inputs exist in a world without the outputs of other commands.
     """
 
     line: str
@@ -248,7 +248,7 @@ ATTACKS = (
 def build(folder: Path, run: Run, *, small: bool) -> None:
     """Write all inputs into `folder`; `run` runs a command line there.
 
-    Without what other commands write, if `small`.
+    If `small`, without inputs that other commands write.
     """
     for name, (_title, write) in LAYOUTS.items():
         (folder / "frames" / name).mkdir(parents=True)

@@ -1,4 +1,4 @@
-"""The ablation driver: its steps, how it goes on, and the table; nothing is trained here."""
+"""The ablation driver: its steps, its restart, and the table; nothing is trained here."""
 
 import json
 from pathlib import Path
@@ -52,12 +52,12 @@ def comparison(value):
 
 
 def compared(*values):
-    """Return comparisons of every row, one a seed."""
+    """Return comparisons of every row, one for each seed."""
     return {key: [comparison(value) for value in values] for key in BASED}
 
 
 class Machine:
-    """Does what each command would, in a file; stops after `lasting` commands."""
+    """Writes the output file of each command without its work; stops after `lasting` commands."""
 
     def __init__(self, lasting=1000):
         self.commands, self.lasting = [], lasting
@@ -109,7 +109,7 @@ def test_seeds_are_of_networks_and_share_the_detectors(tmp_path):
     assert names.count("infer") == 3 * len(ABLATIONS)
 
 
-def test_rows_as_the_paper_has_them_are_compared_with_each_other(tmp_path):
+def test_rows_that_follow_the_paper_are_compared_with_each_other(tmp_path):
     made = [command for command in done(tmp_path) if command[0] == "compare"]
     bases = {Path(out).parent.name: Path(base).parent.name for _, base, _, _, out in made}
     assert bases["plain-no-pift"] == bases["plain-no-siamese"] == PLAIN
@@ -119,7 +119,7 @@ def test_rows_as_the_paper_has_them_are_compared_with_each_other(tmp_path):
     assert {bases[key] for key in others} == {FULL}
 
 
-def test_rows_differ_from_the_full_method_in_what_they_leave_out_and_nothing_else(tmp_path):
+def test_rows_differ_from_the_full_method_only_in_the_part_they_leave_out(tmp_path):
     trained = {}
     for command in done(tmp_path):
         if command[0] == "train":
@@ -135,7 +135,7 @@ def test_rows_differ_from_the_full_method_in_what_they_leave_out_and_nothing_els
     assert "uncut" in trained["no-regions"]
 
 
-def test_all_networks_take_as_many_steps_and_decay_alike_over_them(tmp_path):
+def test_all_networks_take_the_same_steps_with_the_same_decay(tmp_path):
     for command in done(tmp_path, steps=1000):
         if command[0] == "train":
             steps_per_epoch = REGIONS[Path(command[1]).name] // BATCH
@@ -144,7 +144,7 @@ def test_all_networks_take_as_many_steps_and_decay_alike_over_them(tmp_path):
             assert float(option(command, "--decay-epochs")) == pytest.approx(count / 20)
 
 
-def test_rows_without_a_network_of_their_own_take_the_one_they_name(tmp_path):
+def test_rows_without_their_own_network_take_the_network_they_name(tmp_path):
     inferred = [command for command in done(tmp_path) if command[0] == "infer"]
     taken = {Path(option(c, "--out")).parent.name: option(c, "--network") for c in inferred}
     assert Path(taken["no-grounding"]).stem == Path(taken[PLAIN]).stem == f"network_{FULL}"
@@ -176,7 +176,7 @@ def test_an_interrupted_run_goes_on_with_the_step_it_stopped_in(tmp_path):
     assert done(tmp_path / "cut") == []
 
 
-def test_more_seeds_later_keep_what_the_first_one_made(tmp_path):
+def test_later_seeds_keep_the_outputs_of_the_first_one(tmp_path):
     done(tmp_path)
     assert all("seed0" not in " ".join(c) for c in done(tmp_path, seeds=(0, 1)))
 
@@ -188,13 +188,13 @@ def test_a_failed_command_is_named_and_leaves_no_record(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_was_deleted_is_made_again(tmp_path):
+def test_deleted_outputs_are_made_again(tmp_path):
     done(tmp_path)
     work_in(tmp_path).report(ABLATIONS[1], 0).unlink()
     assert [command[0] for command in done(tmp_path)] == ["evaluate"]
 
 
-def test_rows_that_are_finished_stay_in_the_table_of_fewer(tmp_path):
+def test_finished_rows_stay_in_the_table_of_a_run_with_fewer_rows(tmp_path):
     done(tmp_path)
     fewer = work_in(tmp_path)
     fewer.chosen = rows_named(["no-pift"])
@@ -202,17 +202,17 @@ def test_rows_that_are_finished_stay_in_the_table_of_fewer(tmp_path):
     assert set(json.loads((tmp_path / "ablations.json").read_text())["rows"]) == {
         row.key for row in ABLATIONS
     }
-    work_in(tmp_path).report(ABLATIONS[0], 0).unlink()  # what the others are compared with
+    work_in(tmp_path).report(ABLATIONS[0], 0).unlink()  # the base that others are compared with
     assert not any(fewer.is_finished(row, (0,)) for row in ABLATIONS if row.base == FULL)
 
 
 @pytest.mark.parametrize("seeds", ["a", "", "0, ", "-1", "1.5"])
-def test_seeds_that_are_none_are_one_sentence(tmp_path, capsys, seeds):
+def test_wrong_seeds_are_reported_in_one_sentence(tmp_path, capsys, seeds):
     assert main([str(tmp_path), f"--seeds={seeds}"]) == 1
     assert capsys.readouterr().err.startswith("error: --seeds is")
 
 
-def test_a_benchmark_that_is_not_there_is_said_before_anything_is_made(tmp_path, capsys):
+def test_a_missing_benchmark_is_reported_before_anything_is_made(tmp_path, capsys):
     assert main([str(tmp_path / "none"), "--out", str(tmp_path / "out")]) == 1
     assert "none/scenes does not exist" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
@@ -240,7 +240,7 @@ def test_a_training_is_never_shorter_than_an_epoch():
     assert epochs(5, 0)[1] == 5
 
 
-def test_the_table_holds_the_papers_figures_and_the_mean_and_spread_of_ours():
+def test_the_table_holds_the_papers_figures_and_our_mean_and_spread():
     reports = {row.key: [report(0.5), report(0.6)] for row in ABLATIONS}
     found = summary(reports, compared(-0.1, -0.2), SEEDS)
     novel = found["rows"]["no-pift"]["novel"]
@@ -264,7 +264,7 @@ def test_one_seed_has_no_spread_but_the_interval_over_frames():
     assert "| -0.100 (-0.120 to -0.090) |" in text
 
 
-def test_a_split_that_the_benchmark_does_not_have_is_a_dash():
+def test_a_split_that_the_benchmark_lacks_is_shown_as_a_dash():
     some, difference = report(0.5), comparison(-0.1)
     some["rows"]["ours"] = {"all": some["rows"]["ours"]["all"]}
     difference["figures"] = {"all": difference["figures"]["all"]}
@@ -283,19 +283,19 @@ def test_each_row_has_its_own_difference():
     assert "difference" not in rows[FULL]["all"]
 
 
-def test_some_rows_come_with_what_they_rest_on():
+def test_a_chosen_row_brings_the_rows_it_needs():
     keys = [row.key for row in rows_named(["plain-no-pift"])]
     assert keys == [FULL, PLAIN, "no-pift", "plain-no-pift"]
 
 
-def test_what_rows_rest_on_comes_with_what_that_rests_on():
+def test_every_chosen_row_brings_its_base_and_its_network():
     for row in ABLATIONS:
         chosen = rows_named([row.key])
         keys = {each.key for each in chosen}
         assert all({each.base, each.network} - {None} <= keys for each in chosen)
 
 
-def test_a_row_that_there_is_not_is_refused():
+def test_an_unknown_row_is_refused():
     with pytest.raises(SymgraspError, match="no-pifd"):
         rows_named(["no-pifd"])
 

@@ -1,4 +1,4 @@
-"""The leave-one-out driver: its rules, what it remembers, how it goes on, and the table."""
+"""The leave-one-out driver: its rules, its memory, its restart, and the table."""
 
 from pkgutil import resolve_name
 
@@ -29,7 +29,7 @@ from pipelines.runtime.batch import StageReport
 
 
 @pytest.mark.parametrize("rule", RULES[1:], ids=lambda rule: rule.key)
-def test_each_rule_changes_settings_or_replaces_what_the_code_has(rule):
+def test_each_rule_changes_settings_or_replaces_names_of_the_code(rule):
     assert rule.settings or rule.replaced
     if rule.settings:
         assert changed(InferConfig(), rule.settings) != InferConfig()
@@ -37,20 +37,20 @@ def test_each_rule_changes_settings_or_replaces_what_the_code_has(rule):
         resolve_name(name)
 
 
-def test_keys_and_bases_are_of_one_rule_each():
+def test_every_key_is_unique_and_every_base_is_a_rule():
     keys = [rule.key for rule in RULES]
     assert len(set(keys)) == len(keys)
     assert {rule.base for rule in RULES} <= set(keys)
 
 
-def test_a_named_rule_brings_what_it_is_compared_with():
+def test_a_named_rule_brings_the_rules_it_is_compared_with():
     assert [rule.key for rule in rules_named(["eq8-unseen"])] == [EVERY_RULE, "eq8", "eq8-unseen"]
     assert rules_named([]) == RULES
     with pytest.raises(UnknownNameError, match="no-such"):
         rules_named(["no-such"])
 
 
-def test_a_replaced_constant_is_back_afterwards():
+def test_a_replaced_constant_is_restored_afterwards():
     rule = Rule("off-centre", "", replaced={"pipelines.grasping.planner.OFF_CENTRE": 0.0})
     before = planner.OFF_CENTRE
     with left_out(rule, Memory()):
@@ -74,7 +74,7 @@ def test_a_result_is_computed_once_for_equal_arguments_and_scope():
     assert calls == [2, 3, 2, 2]
 
 
-def test_what_is_finished_is_not_done_again(monkeypatch, tmp_path):
+def test_finished_folders_are_not_processed_again(monkeypatch, tmp_path):
     done = []
 
     def run(paths, config, options):
@@ -109,7 +109,7 @@ def test_the_departures_together_are_the_preset_of_the_paper():
     )
 
 
-def test_candidates_are_left_out_of_what_the_code_proposes():
+def test_left_out_candidates_are_missing_from_the_proposals():
     points, normals = np.random.default_rng(0).normal(size=(2, 60, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     slots = SymmetrySlots.of(())

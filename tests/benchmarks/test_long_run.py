@@ -8,7 +8,7 @@ from pipelines.frames.frames import find_frames
 from pipelines.serving.posted_frames import posted_frame
 
 
-def test_frames_can_be_read_and_posted_and_no_two_are_equal(tmp_path):
+def test_frames_can_be_read_and_posted_and_all_differ(tmp_path):
     made = list(islice(frames(), 5))
     assert len({frame.depth for frame in made}) == 5
     made[0].write(tmp_path, "a")

@@ -1,4 +1,4 @@
-"""Which benches `python -m benchmarks` runs; none is run here."""
+"""The choice of benches that `python -m benchmarks` runs; none is run here."""
 
 import pytest
 
@@ -29,7 +29,7 @@ def test_every_bench_is_run_unless_some_are_named(capsys):
     assert printed(["two"], capsys) == ["two"]
 
 
-def test_a_name_of_no_bench_is_refused_with_those_there_are(capsys):
+def test_an_unknown_bench_is_refused_with_the_known_names(capsys):
     with pytest.raises(SystemExit) as stop:
         program.main(["three"])
     assert stop.value.code == 2

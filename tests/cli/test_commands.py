@@ -1,4 +1,4 @@
-"""Every command keeps the conventions: walked, not remembered."""
+"""Every command keeps the conventions: the tests walk through all commands."""
 
 import os
 import subprocess
@@ -21,7 +21,7 @@ GROUP = get_command(app)
 
 
 def interface_of(name: str) -> str:
-    """The command's text, options, defaults and their help; how help is drawn is typer's affair."""
+    """The command's text, options, defaults and help; typer alone decides on the layout."""
     command = GROUP if name == "symgrasp" else GROUP.commands[name]
     lines = [name, command.help.strip(), ""]
     for parameter in command.params:
@@ -72,7 +72,7 @@ def test_every_command_prints_its_help(name):
 
 @pytest.mark.parametrize("name", ["", *NAMES])
 @pytest.mark.parametrize("option", ["--help", "-h"])
-def test_help_is_whole_at_80_columns(name, option, monkeypatch):
+def test_help_is_complete_at_80_columns(name, option, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.setenv("TERMINAL_WIDTH", "80")
     text = CliRunner().invoke(app, [*([name] if name else []), option]).stdout
@@ -81,7 +81,7 @@ def test_help_is_whole_at_80_columns(name, option, monkeypatch):
     assert max(map(len, text.splitlines())) <= 80
 
 
-def test_the_shell_completes_commands_and_the_names_to_choose_from():
+def test_the_shell_completes_commands_and_names_of_choices():
     options = [option for p in GROUP.params for option in p.opts]
     assert {"--install-completion", "--show-completion"} <= set(options)
     (rank_by,) = [p for p in GROUP.commands["infer"].params if "--rank-by" in p.opts]
@@ -90,7 +90,7 @@ def test_the_shell_completes_commands_and_the_names_to_choose_from():
 
 
 @pytest.mark.parametrize("name", ["symgrasp", *NAMES])
-def test_the_interface_is_as_reviewed(name, request):
+def test_the_interface_equals_the_reviewed_golden_file(name, request):
     path = GOLDEN / f"help_{name}.txt"
     text = interface_of(name)
     if request.config.getoption("--golden"):
@@ -145,7 +145,7 @@ def test_wrong_usage_exits_with_2():
         "synthesize out --split train --models none",
     ],
 )
-def test_what_is_read_and_does_not_exist_is_wrong_usage(command, tmp_path, monkeypatch):
+def test_an_input_that_does_not_exist_is_wrong_usage(command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "frames").mkdir()
     (tmp_path / "file").touch()
@@ -174,7 +174,7 @@ def test_what_is_read_and_does_not_exist_is_wrong_usage(command, tmp_path, monke
         ["--workspace-frame", "table"],
     ],
 )
-def test_values_that_cannot_be_meant_are_wrong_usage(options, tmp_path):
+def test_impossible_values_are_wrong_usage(options, tmp_path):
     frames = str(ROOT / "pipelines/weights/frames")
     command = ["infer", frames, "--out", str(tmp_path / "g.h5"), "--method", "planar", *options]
     result = CliRunner().invoke(app, command)
@@ -183,19 +183,19 @@ def test_values_that_cannot_be_meant_are_wrong_usage(options, tmp_path):
     assert not (tmp_path / "g.h5").exists()
 
 
-def test_an_output_that_the_system_refuses_is_a_sentence(tmp_path):
+def test_an_output_that_the_system_refuses_is_reported_in_one_sentence(tmp_path):
     (tmp_path / "file").write_text("no folder")
     frames, output = tmp_path / "frames", tmp_path / "file" / "g.h5"
     write_frame(frames, "a", SHAPES["a"])
     command = ["infer", str(frames), "--out", str(output), "--method", "planar"]
     result = CliRunner().invoke(app, [*command, "--regions", "geometric"])
     assert result.exit_code == 1
-    last = result.stderr.splitlines()[-1]  # loops that are compiled first say so
+    last = result.stderr.splitlines()[-1]  # a message about compiling loops may come first
     assert last.startswith("error: ")
     assert "file" in last
 
 
-def test_a_torchvision_of_another_torch_is_a_sentence(tmp_path):
+def test_a_torchvision_of_another_torch_is_reported_in_one_sentence(tmp_path):
     package = tmp_path / "torchvision"
     package.mkdir()
     fault = "operator torchvision::nms does not exist"

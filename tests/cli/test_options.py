@@ -23,11 +23,11 @@ def four_cores(monkeypatch):
 @pytest.mark.parametrize(
     ("backend", "workers", "used"), [("loky", 4, 4), ("loky", 100, 4), ("dask", 100, 100)]
 )
-def test_processes_of_this_machine_are_no_more_than_its_cores(caplog, backend, workers, used):
+def test_no_more_processes_than_cores_are_started_on_this_machine(caplog, backend, workers, used):
     options = preparation(workers, backend)
     assert options.workers == used
-    said = [f"--workers {workers} is more than this machine's 4 cores: 4 work at a time"]
-    assert [record.getMessage() for record in caplog.records] == said * (used < workers)
+    expected = [f"--workers {workers} is more than this machine's 4 cores: 4 work at a time"]
+    assert [record.getMessage() for record in caplog.records] == expected * (used < workers)
 
 
 @pytest.mark.parametrize(("free", "used"), [(9e9, 4), (2.5e9, 2), (1e8, 1), (None, 4)])
@@ -52,7 +52,7 @@ def test_infer_chooses_its_workers_itself():
         ("SYMGRASP_GRIPPER", "--gripper"),
     ],
 )
-def test_what_people_set_once_may_be_a_variable(variable, option):
+def test_options_that_people_set_once_may_be_environment_variables(variable, option):
     (found,) = [p for p in get_command(app).commands["infer"].params if option in p.opts]
     assert found.envvar == variable
 

@@ -1,4 +1,4 @@
-"""Outputs whose stamp could not be found again are refused before any work."""
+"""Refusal, before any work, of output names whose stamp could not be found again."""
 
 import pytest
 from typer.testing import CliRunner

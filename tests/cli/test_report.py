@@ -32,7 +32,7 @@ def test_a_pipe_is_as_wide_as_the_table(monkeypatch, capsys):
 
 
 def reported(capsys, tmp_path, report, wanted=None, **more):
-    """What `conclude` says on stdout and stderr, and the exit code."""
+    """Return the stdout and stderr of `conclude`, and the exit code."""
     (tmp_path / "out file").touch()
     code = 0
     with speaking(wanted or Manner()):
@@ -43,7 +43,7 @@ def reported(capsys, tmp_path, report, wanted=None, **more):
     return (*capsys.readouterr(), code)
 
 
-def test_a_report_says_what_was_done_where_it_lies_and_what_is_next(capsys, tmp_path):
+def test_a_report_names_counts_the_output_and_the_next_command(capsys, tmp_path):
     report = StageReport("infer", done=["a"], skipped=["b"], notes={"a": "odd"}, seconds=1.23)
     then = ("view", tmp_path / "out file")
     out, err, code = reported(capsys, tmp_path, report, then=then, lines=["2 grasps"])
@@ -67,7 +67,7 @@ def test_pack_is_next_after_labels_only_where_there_are_scenes(tmp_path, monkeyp
     assert ("next: symgrasp pack" in result.stderr) == has_scenes
 
 
-def test_nothing_is_next_where_nothing_is_finished(capsys, tmp_path):
+def test_no_next_command_is_named_where_nothing_is_finished(capsys, tmp_path):
     report = StageReport("infer", failed={"b": "it is bad"})
     _, err, code = reported(capsys, tmp_path, report, then=("view",))
     assert code == 1
@@ -75,13 +75,13 @@ def test_nothing_is_next_where_nothing_is_finished(capsys, tmp_path):
     assert "next:" not in err
 
 
-def test_a_quiet_command_says_what_failed_alone(capsys, tmp_path):
+def test_a_quiet_command_reports_failures_only(capsys, tmp_path):
     report = StageReport("infer", done=["a"], failed={"b": "it is bad"}, notes={"a": "odd"})
     _, err, _ = reported(capsys, tmp_path, report, Manner(quiet=True), lines=["2 grasps"])
     assert err == "error: b: it is bad\n"
 
 
-def test_a_report_as_json_is_one_object_with_its_tables(capsys, tmp_path):
+def test_a_json_report_is_one_object_with_its_tables(capsys, tmp_path):
     report = StageReport("infer", done=["a"], failed={"b": "it is bad"}, seconds=1.23)
     out, _, _ = reported(
         capsys, tmp_path, report, Manner(as_json=True), tables=[TABLE], facts={"grasps": 2}
@@ -103,7 +103,7 @@ def test_a_report_as_json_is_one_object_with_its_tables(capsys, tmp_path):
     assert found["tables"][0]["header"] == list(HEADER)
 
 
-def test_a_command_that_an_error_ends_says_so_as_json_too(tmp_path):
+def test_a_command_that_ends_with_an_error_reports_the_error_as_json_too(tmp_path):
     arguments = ["inspect", str(tmp_path), "--json"]
     result = CliRunner().invoke(app, arguments)
     found = json.loads(result.stdout)

@@ -49,7 +49,7 @@ def test_a_setting_changed_by_set_changes_the_stamp(scored, tmp_path):
     assert "1 skipped" in run(*scored, "--clip-width", "0.08").stderr
 
 
-def test_a_misspelt_setting_is_wrong_usage_and_the_nearest_name_is_said(scored, tmp_path):
+def test_a_misspelt_setting_is_wrong_usage_and_the_nearest_name_is_suggested(scored, tmp_path):
     result = run(*scored, "--set", "clip_widht=0.08")
     assert result.exit_code == 2
     assert result.stderr.startswith("error: --set: setting 'clip_widht' is not known")
@@ -68,7 +68,9 @@ def test_a_misspelt_setting_is_wrong_usage_and_the_nearest_name_is_said(scored, 
         (["--config", "none.toml"], "none.toml"),
     ],
 )
-def test_what_cannot_be_set_is_one_sentence(scored, tmp_path, monkeypatch, arguments, sentence):
+def test_wrong_settings_are_reported_in_one_sentence(
+    scored, tmp_path, monkeypatch, arguments, sentence
+):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "bad.toml").write_text("clipwidth = 0.1\n")
     result = run(*scored, *arguments)
@@ -87,7 +89,7 @@ def test_config_prints_a_file_that_changes_nothing(stage, tmp_path):
         assert each.declaration.origin in printed
 
 
-def test_config_prints_what_is_chosen_and_the_default_beside_it():
+def test_config_prints_chosen_values_with_their_defaults():
     printed = run("config", "infer", "--set", "selection.ranking.by=eq8").stdout
     assert 'by = "eq8"' in printed
     assert 'Default "critic".' in printed
@@ -128,7 +130,7 @@ def test_options_go_before_variables_before_the_file_before_defaults(tmp_path):
     assert settings_chosen("infer", None, [], []).gripper == "rg2"
 
 
-def test_a_variable_that_cannot_be_is_named(tmp_path):
+def test_a_variable_with_an_impossible_value_is_named(tmp_path):
     result = CliRunner(env={"SYMGRASP_GRIPPER": "nohand"}).invoke(
         app, ["infer", "pipelines/weights/frames", "--out", str(tmp_path / "g.h5")]
     )

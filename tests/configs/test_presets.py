@@ -27,7 +27,7 @@ def test_each_line_of_a_preset_changes_a_setting(preset, stage):
     config = changed(default_settings(stage), preset_settings(preset, stage))
     values = {each.name: each for each in settings_of(config)}
     for name, value in flat(preset_settings(preset, stage)):
-        same = {"train.batch_size", "train.weight_feature"}  # stated though the default agrees
+        same = {"train.batch_size", "train.weight_feature"}  # stated, though equal to the default
         is_same = values[name].value == values[name].default
         assert not is_same or f"{stage}.{name}" in same, f"{name} = {value} is the default"
 

@@ -33,7 +33,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def another(each: Setting) -> object:
-    """A value that is not the default and that the setting takes."""
+    """Return a valid value of the setting other than the default."""
     declaration, value = each.declaration, each.default
     if each.choices:
         others = [name for name in each.choices if value not in {(name,), name}]
@@ -64,7 +64,7 @@ def test_every_setting_declares_unit_meaning_and_origin_and_its_default_fits(sta
 
 
 @pytest.mark.parametrize("stage", STAGE_SETTINGS)
-def test_all_settings_of_a_stage_are_the_same_after_a_trip_through_toml(stage, tmp_path):
+def test_settings_of_a_stage_survive_being_written_and_read_as_toml(stage, tmp_path):
     usual = default_settings(stage)
     assert from_settings(type(usual), tomllib.loads(as_toml(usual, "title"))) == usual
     config = usual
@@ -78,7 +78,7 @@ def test_all_settings_of_a_stage_are_the_same_after_a_trip_through_toml(stage, t
 
 
 @pytest.mark.parametrize("stage", STAGE_SETTINGS)
-def test_every_setting_is_reached_by_its_name_and_the_text_of_its_value(stage):
+def test_every_setting_can_be_set_by_its_name_and_the_text_of_its_value(stage):
     for each in settings_of(default_settings(stage)):
         value = another(each)
         text = value if isinstance(value, str) else toml_value(value)
@@ -96,7 +96,7 @@ def test_every_setting_is_reached_by_its_name_and_the_text_of_its_value(stage):
         ("regions.x", "regions", "selection"),
     ],
 )
-def test_a_misspelt_setting_is_refused_with_the_nearest_name_and_all_that_exist(
+def test_a_misspelt_setting_is_refused_with_the_nearest_name_and_all_known_names(
     name, nearest, known
 ):
     with pytest.raises(UnknownNameError, match=f"the nearest is '{nearest}'.*known are.*{known}"):
@@ -124,7 +124,9 @@ def test_a_misspelt_setting_is_refused_with_the_nearest_name_and_all_that_exist(
         ({"selection": {"a": {"b": {"c": {"d": {"e": {"f": {"g": {"h": 1}}}}}}}}}, "tables deep"),
     ],
 )
-def test_a_wrong_type_or_a_number_out_of_range_is_refused_with_what_is_right(settings, expected):
+def test_a_wrong_type_or_a_number_out_of_range_is_refused_with_the_allowed_values(
+    settings, expected
+):
     with pytest.raises(SettingError, match=expected):
         from_settings(InferConfig, settings)
 
@@ -134,7 +136,7 @@ def test_an_unknown_choice_lists_the_known_ones():
         from_settings(InferConfig, {"regions": "geometri"})
 
 
-def test_a_table_that_does_not_exist_is_refused_though_it_is_empty():
+def test_an_unknown_table_is_refused_even_if_it_is_empty():
     with pytest.raises(UnknownNameError, match="'selektion'"):
         from_settings(InferConfig, {"selektion": {}})
     assert from_settings(InferConfig, {"selection": {}}) == InferConfig()
@@ -146,7 +148,7 @@ def test_whole_numbers_are_numbers_and_lists_are_tuples():
     assert {type(each) for each in (*config.limits.box, config.limits.approach_cone)} == {float}
 
 
-def test_names_of_earlier_versions_are_taken_for_those_of_now():
+def test_names_of_earlier_versions_are_read_as_todays_names():
     old = {"selection": {"min_trust": 0.3, "spare_room": [0.01], "rank_by": "judge"}}
     config = from_settings(InferConfig, old)
     selection = SelectionConfig(
@@ -160,14 +162,14 @@ def test_names_of_earlier_versions_are_taken_for_those_of_now():
     assert ungrouped.sensor.depth_noise == 0.001
 
 
-def test_settings_that_are_no_more_are_left_out_with_a_warning(monkeypatch, caplog):
+def test_removed_settings_are_ignored_with_a_warning(monkeypatch, caplog):
     monkeypatch.setitem(REMOVED, "InferConfig", {"selection.luck": "it brought nothing"})
     with caplog.at_level(logging.WARNING):
         assert from_settings(InferConfig, {"selection": {"luck": 1}}) == InferConfig()
     assert "selection.luck is left out: it brought nothing" in caplog.text
 
 
-def test_the_names_of_now_exist():
+def test_renamed_settings_exist_under_their_new_names():
     kinds = {kind.__name__: kind for stage in STAGE_SETTINGS.values() for kind in stage.__mro__}
     kinds |= {
         type(getattr(default_settings(stage), field.name)).__name__: type(
@@ -192,21 +194,21 @@ def test_the_names_of_now_exist():
         (b"a = '\xff'", "is not TOML"),
     ],
 )
-def test_a_file_that_is_no_settings_file_is_one_sentence(tmp_path, content, fault):
+def test_a_wrong_settings_file_is_reported_in_one_sentence(tmp_path, content, fault):
     path = tmp_path / "settings.toml"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
     with pytest.raises(FormatError, match=fault):
         read_toml(path)
 
 
-def test_dotted_keys_without_end_are_one_sentence(tmp_path):
+def test_dotted_keys_without_end_are_reported_in_one_sentence(tmp_path):
     path = tmp_path / "settings.toml"
     path.write_text(".".join("a" * 5000) + " = 1\n")
     with pytest.raises(SymgraspError, match="nested too deep"):
         from_settings(InferConfig, read_toml(path))
 
 
-def test_the_example_of_the_guide_is_a_file_of_settings():
+def test_the_example_in_the_guide_is_a_valid_settings_file():
     guide = (ROOT / "docs" / "how-to" / "settings.md").read_text(encoding="utf-8")
     (example,) = re.findall(r"^```toml\n(.*?)^```$", guide, re.MULTILINE | re.DOTALL)
     config = from_settings(InferConfig, tomllib.loads(example))
@@ -214,6 +216,6 @@ def test_the_example_of_the_guide_is_a_file_of_settings():
     assert config != InferConfig(gripper="franka")
 
 
-def test_the_choices_are_what_the_stages_know():
+def test_the_choices_are_the_names_that_the_stages_know():
     assert set(get_args(ExportFormat)) == {*TO_FILE, *TO_FOLDER}
     assert set(get_args(Sensor)) == {*SENSORS, "perfect", "mixed"}

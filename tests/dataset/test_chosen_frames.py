@@ -1,4 +1,4 @@
-"""Frames of a folder: a split, a camera, every N-th."""
+"""Choice of frames of a folder: a split, a camera, every N-th frame."""
 
 from pathlib import Path
 
@@ -34,13 +34,13 @@ def test_a_split_and_a_camera_are_chosen(root: Path) -> None:
     assert len(chosen(root / "scenes/scene_0131/kinect", split="similar")) == build.COUNT
 
 
-def test_of_every_folder_each_n_th_frame_is_chosen(root: Path) -> None:
+def test_every_n_th_frame_of_each_folder_is_chosen(root: Path) -> None:
     names = chosen(root, stride=2)
     assert len(names) == 6
     assert all(name.endswith("/0000") for name in names)
 
 
-def test_a_split_without_frames_is_a_sentence(root: Path) -> None:
+def test_a_split_without_frames_is_reported_in_one_sentence(root: Path) -> None:
     with pytest.raises(SymgraspError, match="holds no RGB-D frames"):
         chosen(root, split="novel")
 

@@ -45,7 +45,7 @@ def test_the_same_mesh_gives_the_same_bytes(tmp_path: Path, suffix: str) -> None
     assert first.read_bytes() == second.read_bytes()
 
 
-def test_the_ply_is_read_by_a_stranger_as_it_was(tmp_path: Path) -> None:
+def test_other_programs_read_the_same_mesh_from_the_ply(tmp_path: Path) -> None:
     write_mesh(tmp_path / "box.ply", box())
     stranger = trimesh.load_mesh(tmp_path / "box.ply", process=False)
     assert_allclose(stranger.vertices, box().vertices, atol=1e-8)
@@ -78,21 +78,23 @@ def test_vertices_that_are_not_finite_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".stl", ".glb", ".off"])
-def test_a_damaged_mesh_is_one_sentence(tmp_path: Path, suffix: str) -> None:
+def test_a_damaged_mesh_is_reported_in_one_sentence(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"bad{suffix}"
     path.write_bytes(b"\x00nonsense that is no mesh")
     with pytest.raises(FormatError, match=r"bad\."):
         read_mesh(path)
 
 
-def test_a_missing_mesh_and_a_foreign_suffix_are_sentences(tmp_path: Path) -> None:
+def test_a_missing_mesh_and_a_foreign_suffix_are_reported_in_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(SymgraspError, match="does not exist"):
         read_mesh(tmp_path / "none.ply")
     with pytest.raises(UnknownNameError, match=r"\.docx"):
         read_mesh(tmp_path / "part.docx")
 
 
-def test_millimetres_are_warned_of(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_mesh_in_millimetres_gives_a_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     write_mesh(tmp_path / "large.ply", box(100.0))
     with caplog.at_level(logging.WARNING):
         read_mesh(tmp_path / "large.ply")
@@ -112,7 +114,7 @@ def test_a_scale_turns_millimetres_into_metres_without_a_warning(
     assert_allclose(np.ptp(mesh.vertices, axis=0), (0.1, 0.2, 0.3), rtol=1e-6)
 
 
-def test_what_is_too_small_to_be_held_is_refused_with_its_size(tmp_path: Path) -> None:
+def test_a_mesh_too_small_to_be_held_is_refused_with_its_size(tmp_path: Path) -> None:
     path = tmp_path / "small.ply"
     assert smallness_warning(box(0.002), path) is None  # 7.5 mm
     refuse_too_small(box(0.002), path)
@@ -120,7 +122,7 @@ def test_what_is_too_small_to_be_held_is_refused_with_its_size(tmp_path: Path) -
         refuse_too_small(box(0.001), path)
 
 
-def test_degenerate_and_duplicate_triangles_are_dropped_and_said() -> None:
+def test_degenerate_and_duplicate_triangles_are_dropped_and_reported() -> None:
     good = box()
     point, line, middle = [0, 0, 1], [0, 1, len(good.vertices)], good.vertices[[0, 1]].mean(axis=0)
     turned = good.faces[3][[1, 2, 0]]  # the same triangle, another corner first
@@ -138,7 +140,7 @@ def test_a_mesh_of_degenerate_triangles_alone_is_refused() -> None:
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".obj", ".stl", ".off"])
-def test_an_empty_file_is_one_sentence(tmp_path: Path, suffix: str) -> None:
+def test_an_empty_file_is_reported_in_one_sentence(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"empty{suffix}"
     path.write_bytes(b"")
     with pytest.raises(FormatError, match=r"empty\."):
@@ -182,14 +184,16 @@ def test_meshes_that_are_passed_over_are_counted_and_named(
         find_meshes(tmp_path)
 
 
-def test_a_mesh_of_another_format_says_how_to_convert_it(tmp_path: Path) -> None:
+def test_a_mesh_of_another_format_is_refused_with_the_way_to_convert_it(tmp_path: Path) -> None:
     (tmp_path / "part.stp").write_bytes(b"")
     with pytest.raises(FormatError, match=r"part\.stp.*gmsh"):
         read_mesh(tmp_path / "part.stp")
 
 
 @pytest.mark.skipif(not CASE.exists(), reason="needs ../shared/cases")
-def test_the_shared_folder_names_what_is_passed_over(caplog: pytest.LogCaptureFixture) -> None:
+def test_the_meshes_of_the_shared_folder_that_are_passed_over_are_named(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     with caplog.at_level(logging.WARNING):
         assert [path.name for path in find_meshes(CASE)] == ["nested.glb"]
     assert (
@@ -222,7 +226,7 @@ def test_a_scene_that_shows_a_mesh_without_end_is_refused(
         read_mesh(tmp_path / "x.glb")
 
 
-def test_a_vertex_without_its_three_numbers_is_one_sentence(tmp_path: Path) -> None:
+def test_a_vertex_without_its_three_numbers_is_reported_in_one_sentence(tmp_path: Path) -> None:
     rows = ["v 0 0 0", "v 1 0", "v 0 1", "v 1 1", "f 1 2 3"]
     for kept in (rows[1:], rows):
         (tmp_path / "x.obj").write_text("\n".join(kept).replace("v 0 0 0", "v 0 0") + "\n")

@@ -54,14 +54,14 @@ CHANGES = [other_picture, other_pose, other_camera, frame_less, label_less]
 
 
 @pytest.mark.parametrize("change", CHANGES)
-def test_what_changes_frames_changes_their_digest(original, copied, change):
+def test_every_change_of_frames_changes_their_digest(original, copied, change):
     before = digest_of_frames(original.scenes()[0])
     assert digest_of_frames(copied.scenes()[0]) == before
     change(copied.scenes()[0].camera_folder)
     assert digest_of_frames(copied.scenes()[0]) != before
 
 
-def test_hidden_files_count_for_nothing(copied):
+def test_hidden_files_do_not_change_the_digest(copied):
     scene = copied.scenes()[0]
     before = digest_of_frames(scene)
     (scene.camera_folder / "rgb/._0000.png").write_bytes(b"resource fork")

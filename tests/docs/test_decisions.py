@@ -17,7 +17,7 @@ MEASURED = re.compile(r"\b0\.\d{3}\b|±")
 
 
 def setting(name: str) -> Any:
-    """Return the default of a setting as records name it, `stage: path.of.field`."""
+    """Return the default of a setting that records name as `stage: path.of.field`."""
     stage, path = name.split(": ")
     value = default_settings(stage)
     for step in path.split("."):
@@ -30,7 +30,7 @@ def settings_of(record: Any) -> list[str]:
 
 
 def spellings(value: float) -> set[str]:
-    """Return how a text may write a setting's number: as it is, in percent, mm, cm."""
+    """Return the spellings of a setting's number: plain, in percent, mm and cm."""
     numbers = (value, value * 100, value * 1000)
     return {f"{number:.6g}" for number in numbers if number not in {0, 1, 2, 3}}
 

@@ -1,4 +1,4 @@
-"""docs/reference/formats.md says what is really in the files: names, ranks, types, units."""
+"""Agreement of docs/reference/formats.md with the files: names, ranks, types, units."""
 
 import json
 import re
@@ -67,7 +67,7 @@ def text() -> str:
 
 
 def documented(lines: str) -> dict[str, Fact]:
-    """Path of each dataset of an indented list, to its rank, type and unit."""
+    """Map the path of each dataset of an indented list to its rank, type and unit."""
     facts, group = {}, ""
     for line in lines.splitlines():
         match = LINE.match(line)
@@ -84,7 +84,7 @@ def documented(lines: str) -> dict[str, Fact]:
 
 
 def stored(path: Path) -> dict[str, Fact]:
-    """The same of an HDF5 file."""
+    """Map the path of each dataset of an HDF5 file to its rank, type and unit."""
     facts: dict[str, Fact] = {}
 
     def visit(name: str, item: object) -> None:
@@ -235,7 +235,7 @@ def test_every_link_of_the_table_leads_to_a_section() -> None:
     assert set(re.findall(r"\]\(#([^)]+)\)", text())) <= anchors
 
 
-def test_what_a_page_draws_is_documented() -> None:
+def test_the_arrays_that_a_page_draws_are_documented() -> None:
     frame, index = toy_frame()
     scene = frame_scene(frame, toy_result(frame, index), load_gripper("rg2"), ViewConfig())
     assert set(scene) == keys_of(block("keys", "scene"))

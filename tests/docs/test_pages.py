@@ -27,7 +27,7 @@ PAGES = sorted(
 COMMANDS = get_command(app).commands
 ROOT_OPTIONS = {name for each in get_command(app).params for name in each.opts}
 OTHERS_OPTIONS = {"--nproc-per-node", "--no-python", "--force-reinstall"}  # torchrun, pip
-RUN_ELSEWHERE = {"README.md", "api.md", "formats.md"}  # by tests that look at the result
+RUN_ELSEWHERE = {"README.md", "api.md", "formats.md"}  # by tests that check the result
 MAX_LINE = 120
 
 

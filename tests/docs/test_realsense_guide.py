@@ -1,4 +1,4 @@
-"""The guide from a RealSense recording to grasps works as it is written."""
+"""The commands of the guide from a RealSense recording to grasps."""
 
 import json
 import re

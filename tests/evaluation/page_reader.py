@@ -1,4 +1,4 @@
-"""Reading a page as a browser would."""
+"""A parser that reads pages as a browser does."""
 
 from html.parser import HTMLParser
 
@@ -6,7 +6,7 @@ EMPTY = {"br", "img", "meta", "line", "polyline", "path"}  # elements without an
 
 
 class Reader(HTMLParser):
-    """Collects elements and text, and checks that what is opened is closed."""
+    """Collects elements and text, and checks that every opened element is closed."""
 
     def __init__(self, page: str) -> None:
         super().__init__()

@@ -33,7 +33,7 @@ def figures(*records: FrameRecord) -> dict:
     return report_rows(ReportTally.of(records), THRESHOLDS, SPHERE)["ours"]["all"]
 
 
-def test_objects_without_grasp_count_as_zero_and_stand_apart():
+def test_objects_without_grasp_count_as_zero_and_are_listed_apart():
     missing = Verdict(1, "no region")
     found = figures(frame("seen", RowRecord([held(0.8), missing])))
     assert found["grasp_quality"] == pytest.approx(0.4)
@@ -62,7 +62,7 @@ def test_ignored_predictions_are_neither_right_nor_wrong():
     assert with_ignored["symmetry_ap"]["rotation"] == 1.0
 
 
-def test_what_has_no_truth_is_none():
+def test_figures_without_truth_are_none():
     found = figures(frame("seen", RowRecord([], {"reflection": judged([0], 0)})))
     assert found["symmetry_ap"] == {"reflection": None, "rotation": None, "sphere": None}
     assert found["mask_ap50"] is None
@@ -102,7 +102,7 @@ def test_the_precision_of_a_curve_is_the_best_at_that_recall_or_beyond():
     assert [found[r] for r in (0.0, 0.24, 0.26, 0.5, 0.52)] == [1.0, 1.0, 0.6667, 0.6667, 0.0]
 
 
-def test_the_whole_is_all_splits_and_train_shows_only_if_evaluated():
+def test_the_row_all_holds_all_splits_and_train_is_shown_only_if_evaluated():
     records = [frame("seen", RowRecord([held(1.0)])), frame("novel", RowRecord([held(0.5)]))]
     rows = report_rows(ReportTally.of(records), THRESHOLDS, SPHERE)
     assert list(rows) == ["ours"]

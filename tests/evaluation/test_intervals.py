@@ -28,7 +28,7 @@ def intervals_of(frames):
     return {split: figures["intervals"] for split, figures in rows["ours"].items()}
 
 
-def test_the_interval_of_a_mean_holds_it_as_often_as_it_says():
+def test_the_interval_of_a_mean_contains_it_as_often_as_stated():
     rng = np.random.default_rng(0)
     held = 0
     for _ in range(60):
@@ -39,7 +39,7 @@ def test_the_interval_of_a_mean_holds_it_as_often_as_it_says():
     assert held >= 52
 
 
-def test_frames_that_are_alike_have_an_interval_without_width():
+def test_equal_frames_give_an_interval_without_width():
     found = intervals_of(frame(k, "seen", [0.5, 0.7]) for k in range(8))
     assert found["seen"]["grasp_quality"] == pytest.approx((0.6, 0.6))
     low, high = found["seen"]["symmetry_ap reflection"]
@@ -52,7 +52,7 @@ def test_few_frames_have_no_interval():
     assert "grasp_quality" in intervals_of(frames)["all"]
 
 
-def test_ap_by_graspnets_protocol_is_a_mean_over_frames_whatever_their_objects():
+def test_ap_by_graspnets_protocol_is_a_mean_over_frames_for_any_number_of_objects():
     frames = [frame(k, "seen", [0.5] * (1 + 3 * (k % 2))) for k in range(8)]
     for k, each in enumerate(frames):
         each.rows["ours"].accuracy.extend([0.2 * (k % 2)] * 6)

@@ -1,4 +1,4 @@
-"""Grasps of methods that know no regions, given to the objects of a frame."""
+"""Grasps of methods without regions, assigned to the nearest objects of a frame."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def test_each_object_gets_the_best_grasp_that_is_nearest_to_it(truth):
     ]
 
 
-def test_an_object_that_does_not_count_takes_its_grasps_from_the_others(truth):
+def test_grasps_nearest_to_an_object_that_does_not_count_go_to_no_other_object(truth):
     hidden = [i for i in truth.visible if i != 1]
     row = owned_by_nearest(found(1, score=[0.2]), type(truth)(**vars(truth) | {"visible": hidden}))
     assert row.owners.object_id == hidden
@@ -49,7 +49,7 @@ def test_without_grasps_no_object_has_one(truth):
     assert row.predictions.rank_score == [-np.inf] * 3
 
 
-def test_only_rows_of_methods_for_whole_frames_are_judged_so(truth, tmp_path):
+def test_only_rows_of_methods_for_whole_frames_are_judged_by_nearest_object(truth, tmp_path):
     result = true_result(write_root(tmp_path), frame_names()[0])
     assert FramePredictions.from_result(result).anywhere is None
     table = grasp_table(GraspPoses.concatenate([best_grasp(i, 0) for i in (0, 1, 2)]))

@@ -1,4 +1,4 @@
-"""From a frame of `grasps.h5` to what is judged."""
+"""Conversion of a frame of `grasps.h5` to the predictions that are judged."""
 
 import numpy as np
 

@@ -46,5 +46,5 @@ def test_another_json_file_is_refused(tmp_path):
         read_frame_records(tmp_path / "scene.json")
 
 
-def test_thresholds_are_named_as_they_are_written_down():
+def test_thresholds_are_named_by_their_written_form():
     assert [number_key(t) for t in (0.25, 0.067, 0.5)] == ["0.25", "0.067", "0.5"]

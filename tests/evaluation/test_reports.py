@@ -32,7 +32,7 @@ def test_a_report_is_plain_json_with_null_for_what_is_unknown(tmp_path: Path) ->
     assert read_report(path) == content
 
 
-def test_a_file_without_rows_is_no_report(tmp_path: Path) -> None:
+def test_a_file_without_rows_is_refused_as_report(tmp_path: Path) -> None:
     (tmp_path / "report.json").write_text("[]")
     with pytest.raises(FormatError, match="rows"):
         read_report(tmp_path / "report.json")
@@ -51,7 +51,7 @@ def test_a_file_without_rows_is_no_report(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_a_further_table_that_is_none_is_one_sentence(tmp_path, content, fault):
+def test_a_wrong_further_table_is_reported_in_one_sentence(tmp_path, content, fault):
     path = tmp_path / "table.json"
     path.write_text(json.dumps(content))
     with pytest.raises(FormatError, match=fault):
@@ -70,7 +70,9 @@ def test_the_list_of_objects_comes_back_in_order(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [{}, {"objects": [{"name": "x"}]}, {"objects": [3]}])
-def test_a_wrong_list_of_objects_is_one_sentence(tmp_path: Path, content: object) -> None:
+def test_a_wrong_list_of_objects_is_reported_in_one_sentence(
+    tmp_path: Path, content: object
+) -> None:
     (tmp_path / "objects.json").write_text(json.dumps(content))
     with pytest.raises(FormatError, match=r"objects\.json"):
         object_list.read(tmp_path / "objects.json")

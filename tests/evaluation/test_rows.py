@@ -11,7 +11,7 @@ def test_rows_with_figures_in_the_paper_bear_its_name_of_the_method():
     assert {"Multi-Grasp", "GG-CNN"} <= named <= known
 
 
-def test_a_compared_method_with_our_selection_is_a_row_of_its_own():
+def test_a_compared_method_with_our_selection_has_a_separate_row():
     assert report_row("gg-cnn-selected").title == "GG-CNN + our selection"
     assert report_row("mine-selected").title == "mine-selected"
 

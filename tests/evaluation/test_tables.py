@@ -50,13 +50,13 @@ def test_both_antipodal_scores_are_named_apart():
     assert "closing region" in titles[1]
 
 
-def test_means_have_three_digits_and_what_is_unknown_a_dash():
+def test_means_have_three_digits_and_unknown_values_are_a_dash():
     table = table_of(TABLES, "Table I.")
     assert cell(table, "SymGrasp", "seen") == "0.250"
     assert cell(table, "SymGrasp", "unseen") == "-"
 
 
-def test_ap_by_graspnets_protocol_is_in_percent_and_absent_from_reports_of_before():
+def test_ap_by_graspnets_protocol_is_in_percent_and_absent_from_older_reports():
     one = record("seen", [0.5])
     one.rows["ours"].accuracy.extend([0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
     table = table_of(report_tables(report(one)), "Average precision of grasps")
@@ -76,7 +76,7 @@ def test_splits_without_frames_have_no_row():
     assert {row[1] for row in table_of(TABLES, "Outcomes of the objects").rows} == {"seen", "all"}
 
 
-def test_success_not_simulated_says_how_to():
+def test_a_report_without_simulated_success_names_the_command_for_it():
     assert "symgrasp simulate" in table_of(TABLES, "Table III").note
 
 
@@ -124,7 +124,7 @@ def test_success_of_other_methods_stands_below_ours():
     assert became.rows == (("random", "0.5", "80", "20"),)
 
 
-def test_what_became_of_trials_is_in_percent_of_them():
+def test_outcomes_of_trials_are_in_percent_of_all_trials():
     counts = {"all": {"0.5": {"held": 3, "slipped": 1}}}
     simulated = report(record("seen", [0.5]), success_reasons=counts)
     table = table_of(report_tables(simulated), "Outcomes of the simulated")

@@ -1,4 +1,4 @@
-"""Tallies of records: a few bytes a prediction."""
+"""Tallies of records, which take a few bytes per prediction."""
 
 import tracemalloc
 import weakref
@@ -13,7 +13,7 @@ from pipelines.metrics.grasp_verdicts import Verdict
 
 
 def record(index: int, objects: int = 8) -> FrameRecord:
-    """A frame of the size that real ones have."""
+    """A frame of the size of real frames."""
     verdicts = [Verdict(i, "held", 0.5, 0.5, 0.9, 0.8) for i in range(objects)]
     confidence = [float(x) for x in np.random.default_rng(index).random(3 * objects)]
     right = [1] * len(confidence)
@@ -32,7 +32,7 @@ def test_no_record_stays_in_memory():
         for index in range(50):
             found = record(index)
             made.append(weakref.ref(found))
-            assert sum(each() is not None for each in made) <= 2  # the one added last, the next
+            assert sum(each() is not None for each in made) <= 2  # last added one, next one
             yield found
 
     assert ReportTally.of(stream()).rows["ours"]["all"].frames == 50

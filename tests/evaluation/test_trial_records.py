@@ -27,7 +27,7 @@ def test_trials_read_as_they_were_written(tmp_path):
     assert list(read_trials(path)[0].rows) == ["ours", "oracle", "random"]
 
 
-def test_trials_without_other_methods_need_not_say_so(tmp_path):
+def test_trials_of_our_method_alone_need_no_entry_for_others(tmp_path):
     path = tmp_path / "trials.json"
     write_trials(path, FRAMES[1:], make_stamp("test", {}))
     content = read_json(path)

@@ -12,41 +12,43 @@ from typing import Any
 from rosbags.typesys import Stores, get_typestore
 
 DEFINITIONS = get_typestore(Stores.ROS2_HUMBLE).fielddefs
-BASE, NAME = 1, 2  # kinds of fields: a number or text, a message; else a sequence or an array
-NUMBERS = {"float32": float, "float64": float, "string": str}  # others are whole
+BASE, NAME = 1, 2  # kinds of fields: a number or text, a message; others are sequences or arrays
+NUMBERS = {"float32": float, "float64": float, "string": str}  # other types are whole numbers
 
 
 class Message:
-    """A message; subclasses say of which type."""
+    """A message, whose type its subclass states."""
 
     TYPE = ""
 
     def __init__(self, **values: Any) -> None:
-        for name, (kind, what) in DEFINITIONS[self.TYPE][1]:
-            object.__setattr__(self, name, default(kind, what))
+        for name, (kind, content) in DEFINITIONS[self.TYPE][1]:
+            object.__setattr__(self, name, default(kind, content))
         for name, value in values.items():
             setattr(self, name, value)
 
     def __setattr__(self, name: str, value: Any) -> None:
         fields = dict(DEFINITIONS[self.TYPE][1])
         assert name in fields, f"{self.TYPE} has no {name}"
-        kind, what = fields[name]
+        kind, content = fields[name]
         if kind.value == BASE:
-            assert isinstance(value, NUMBERS.get(what[0], int)), f"{name} of {self.TYPE}: {value!r}"
+            assert isinstance(value, NUMBERS.get(content[0], int)), (
+                f"{name} of {self.TYPE}: {value!r}"
+            )
         elif kind.value == NAME:
-            assert what == value.TYPE, f"{name} of {self.TYPE} is a {value.TYPE}"
+            assert content == value.TYPE, f"{name} of {self.TYPE} is a {value.TYPE}"
         elif not isinstance(value, bytes):
-            inner = what[0]
+            inner = content[0]
             expected = NUMBERS.get(inner[1][0], int) if inner[0].value == BASE else Message
             assert all(isinstance(each, expected) for each in value), f"{name} of {self.TYPE}"
         object.__setattr__(self, name, value)
 
 
-def default(kind: Any, what: Any) -> Any:
-    """What a field holds before it is set."""
+def default(kind: Any, content: Any) -> Any:
+    """The value of a field before it is set."""
     if kind.value == BASE:
-        return NUMBERS.get(what[0], int)()
-    return message_type(what)() if kind.value == NAME else []
+        return NUMBERS.get(content[0], int)()
+    return message_type(content)() if kind.value == NAME else []
 
 
 def message_type(name: str) -> type[Message]:
@@ -69,7 +71,7 @@ class Publisher:
 
 @dataclass
 class Node:
-    """A node with its publishers, parameters and what it logged."""
+    """A node with its publishers, parameters and logged warnings."""
 
     parameters: dict = field(default_factory=dict)
     publishers: dict = field(default_factory=dict)
@@ -107,7 +109,7 @@ SYNCHRONIZED: list["Synchronizer"] = []  # in the order they were made
 
 
 class Synchronizer:
-    """Hands over sets of messages that a test says belong together."""
+    """Delivers sets of messages that a test declares to belong together."""
 
     def __init__(self, subscribers: list[Subscriber], queue_size: int, slop: float) -> None:
         assert queue_size > 0
@@ -121,7 +123,7 @@ class Synchronizer:
 
 
 def modules(node: Node) -> dict[str, ModuleType]:
-    """The modules that the node imports; `node` is the one that rclpy makes."""
+    """The modules that the node imports; rclpy's `create_node` returns `node`."""
     made = {}
     for package, names in {
         "geometry_msgs": ("Point", "Pose", "PoseArray", "Quaternion"),

@@ -1,4 +1,4 @@
-"""The camera loop: any frames, and those of a RealSense."""
+"""The camera loop on any frames and on frames of a RealSense."""
 
 import sys
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from tests.examples.tabletop_frame import COLOR, DEPTH, LENS, light_detector
 FRAME = camera_loop.CameraFrame(COLOR, DEPTH, LENS)
 
 
-def test_every_frame_gives_grasps_and_one_that_is_none_is_passed_over(capsys):
+def test_every_frame_gives_grasps_and_a_wrong_frame_is_passed_over(capsys):
     broken = FRAME._replace(depth=np.zeros_like(DEPTH))
     whole, again = camera_loop.found([FRAME, broken, FRAME], light_detector())
     assert len(whole) == len(again) > 0
@@ -52,7 +52,7 @@ class Pipeline:
 
 
 class Streams:
-    """What a RealSense is asked for."""
+    """The streams that a RealSense is asked for."""
 
     def __init__(self):
         self.streams = []

@@ -11,9 +11,7 @@ from pipelines.storage.images import write_image
 from tests.examples.tabletop_frame import COLOR, DEPTH, LENS, light_detector
 
 
-def test_each_frame_has_its_poses_and_one_that_is_torn_is_passed_over(
-    tmp_path, monkeypatch, capsys
-):
+def test_each_frame_has_its_poses_and_a_damaged_frame_is_passed_over(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(folder_loop, "GraspDetector", light_detector)
     frames, out = tmp_path / "frames", tmp_path / "out"
     for name in "abc":

@@ -43,7 +43,7 @@ def image(pixels, encoding, padding=0, big=False):
 
 
 def answering(example, node, detector):
-    """What hands a set of images to the node, as its synchronizer does."""
+    """Return a function that hands a set of images to the node, as its synchronizer does."""
     example.answer(node, detector)
     return ros_stand_ins.SYNCHRONIZED[-1].deliver
 
@@ -69,7 +69,7 @@ def test_colour_of_every_order_of_channels_is_read_as_rgb(example, encoding, sto
 
 @pytest.mark.parametrize("big", [False, True])
 @pytest.mark.parametrize("padding", [0, 3, 8])
-def test_depth_is_read_in_its_own_unit_and_byte_order(example, big, padding):
+def test_depth_is_read_in_the_unit_and_byte_order_of_its_encoding(example, big, padding):
     read = example.array_of(image(MILLIMETRES, "16UC1", padding, big))
     np.testing.assert_array_equal(read, MILLIMETRES)
     metres = DEPTH.astype(np.float32)
@@ -101,7 +101,7 @@ def test_a_frame_becomes_poses_widths_and_openings_in_the_frame_of_the_depth(exa
     assert not node.warnings
 
 
-def test_a_frame_without_grasps_publishes_none_and_one_that_is_no_frame_a_warning(example, node):
+def test_a_frame_without_grasps_publishes_none_and_a_wrong_frame_gives_a_warning(example, node):
     deliver = answering(example, node, light_detector())
     bare = image(np.full(DEPTH.shape, 0.8, np.float32), "32FC1")
     deliver(image(COLOR, "rgb8"), bare, camera_info())

@@ -19,7 +19,7 @@ def color() -> np.ndarray:
 
 @pytest.fixture(scope="session")
 def depth() -> np.ndarray:
-    """Millimetres with every kind of missing value an integer file has."""
+    """Depth in millimetres with every kind of missing value of an integer file."""
     values = np.random.default_rng(1).integers(500, 900, (HEIGHT, WIDTH)).astype(np.uint16)
     values[0, :3] = (0, 65535, 700)
     return values
@@ -46,7 +46,7 @@ def save(color: np.ndarray, depth: np.ndarray) -> Callable[..., None]:
 
 @pytest.fixture
 def flat(tmp_path: Path, save: Callable[..., None]) -> Path:
-    """A folder with the frames `a` and `b` in the project's own layout."""
+    """A folder with the frames `a` and `b` in the project's layout."""
     for name in "ab":
         files = [tmp_path / f"{name}_{end}" for end in ("color.png", "depth.png", "camera.json")]
         save(*files)

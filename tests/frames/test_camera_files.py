@@ -16,7 +16,7 @@ K = [[60.0, 0.0, 31.5], [0.0, 61.0, 23.5], [0.0, 0.0, 1.0]]
 ROWS = [value for row in K for value in row]
 COLUMNS = [60.0, 0.0, 0.0, 0.0, 61.0, 0.0, 31.5, 23.5, 1.0]
 NAMED = {"fx": 60.0, "fy": 61.0, "cx": 31.5, "cy": 23.5}
-# File name, content, and the depth units per metre it states.
+# File name, content, and the stated depth units per metre.
 FORMS = [
     ("camera.json", NAMED, None),
     ("camera.json", NAMED | {"width": 64, "height": 48, "depth_scale": 5000.0}, 5000.0),
@@ -84,7 +84,7 @@ def test_the_option_takes_four_numbers_or_a_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["60,61", "nothing.json", "camera.docx", "0,61,31.5,23.5"])
-def test_an_option_that_is_neither_is_one_sentence(text: str) -> None:
+def test_any_other_value_of_the_option_is_reported_in_one_sentence(text: str) -> None:
     with pytest.raises(SymgraspError):
         parse_camera(text)
 
@@ -101,7 +101,7 @@ def test_an_option_that_is_neither_is_one_sentence(text: str) -> None:
         ("a.yaml", "name: x\n"),
     ],
 )
-def test_damaged_files_are_one_sentence(tmp_path: Path, name: str, text: str) -> None:
+def test_damaged_files_are_reported_in_one_sentence(tmp_path: Path, name: str, text: str) -> None:
     (tmp_path / name).write_text(text)
     with pytest.raises(FormatError, match=name):
         read_camera_file(tmp_path / name)
@@ -115,7 +115,7 @@ def test_lengths_and_units_must_be_positive() -> None:
 
 
 @pytest.mark.parametrize("lengths", [(1.93, 1.93), (0.001, 60.0), (60.0, 0.5)])
-def test_focal_lengths_that_are_no_pixels_are_refused(lengths: tuple[float, float]) -> None:
+def test_focal_lengths_that_are_not_in_pixels_are_refused(lengths: tuple[float, float]) -> None:
     with pytest.raises(FormatError, match="give fx and fy in pixels, not in millimetres"):
         CameraFile(*lengths, 320.0, 240.0).at(640, 480)
 

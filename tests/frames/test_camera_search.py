@@ -1,4 +1,4 @@
-"""Cameras under other names: found by what files hold, or named in the sentence."""
+"""Camera files under other names: found by their content, or named in the error."""
 
 import json
 from pathlib import Path
@@ -29,7 +29,7 @@ def refusal(folder: Path) -> str:
 
 
 @pytest.mark.parametrize("name", ["left_sensor.json", "calib.yml", "lens.txt", "matrix.npy"])
-def test_a_camera_is_found_under_any_name(bare: Path, name: str) -> None:
+def test_a_camera_file_is_found_under_any_name(bare: Path, name: str) -> None:
     path = bare / name
     if name.endswith(".npy"):
         np.save(path, build.K)
@@ -40,14 +40,14 @@ def test_a_camera_is_found_under_any_name(bare: Path, name: str) -> None:
     assert find_frames(bare)[0].read().intrinsics.fx == build.FOUR[0]
 
 
-def test_poses_and_labels_are_no_cameras(bare: Path) -> None:
+def test_files_of_poses_and_labels_are_not_taken_for_cameras(bare: Path) -> None:
     np.savetxt(bare / "pose.txt", np.eye(4))
     (bare / "labels.json").write_text(json.dumps({"K": "many"}))
     assert find_camera_file(bare, "0") is None
     assert "no camera was found in labels.json, pose.txt" in refusal(bare)
 
 
-def test_of_two_other_cameras_none_is_taken_and_both_are_named(bare: Path) -> None:
+def test_two_possible_cameras_are_both_named_and_neither_is_taken(bare: Path) -> None:
     for name, fx in (("a.json", 60.0), ("b.json", 70.0)):
         (bare / name).write_text(json.dumps(NAMED | {"fx": fx}))
     assert f"a camera is in {bare / 'a.json'} and {bare / 'b.json'}" in refusal(bare)
@@ -61,7 +61,7 @@ def test_a_camera_one_folder_up_is_named(bare: Path) -> None:
     assert f"--intrinsics {bare / 'cell.json'}" in refusal(bare / "run")
 
 
-def test_files_that_are_one_a_frame_are_not_searched(bare: Path) -> None:
+def test_files_that_exist_for_each_frame_are_not_searched(bare: Path) -> None:
     for i in range(MOST_FILES + 1):
         (bare / f"labels_{i}.json").write_text(json.dumps(NAMED))
     assert find_camera_file(bare, "0") is None

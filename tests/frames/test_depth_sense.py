@@ -1,4 +1,4 @@
-"""Depth that is no distance, noticed by its geometry."""
+"""Depth values that are not distances, detected by their geometry."""
 
 from pathlib import Path
 
@@ -31,43 +31,43 @@ def table(tilt: float, *, sensor_noise: float = 0.002) -> np.ndarray:
     return (depth * (1.0 + sensor_noise * noise)).astype(np.float32)
 
 
-def said(depth: np.ndarray) -> list[str]:
+def warnings_of(depth: np.ndarray) -> list[str]:
     return depth_oddities(depth.astype(np.float32), LENS.fx)
 
 
 @pytest.mark.parametrize("tilt", [0.1, 0.5, 0.8])
-def test_a_table_is_fine_and_its_inverse_is_said(tilt: float) -> None:
+def test_depth_of_a_table_is_accepted_and_its_inverse_is_reported(tilt: float) -> None:
     depth = table(tilt)
-    assert said(depth) == []
-    assert said(1.0 / depth) == [LOOKS_INVERSE]
-    assert said(40.0 / depth / 100.0) == [LOOKS_INVERSE]  # disparity in another unit
+    assert warnings_of(depth) == []
+    assert warnings_of(1.0 / depth) == [LOOKS_INVERSE]
+    assert warnings_of(40.0 / depth / 100.0) == [LOOKS_INVERSE]  # disparity in another unit
 
 
-def test_seen_from_straight_above_near_and_far_look_swapped() -> None:
-    assert said(table(0.0)) == []
-    assert said(1.0 / table(0.0)) == [SWAPPED]
-    assert said(1.5 - table(0.0)) == [SWAPPED]
+def test_inverse_depth_from_straight_above_is_reported_as_near_and_far_swapped() -> None:
+    assert warnings_of(table(0.0)) == []
+    assert warnings_of(1.0 / table(0.0)) == [SWAPPED]
+    assert warnings_of(1.5 - table(0.0)) == [SWAPPED]
 
 
 @pytest.mark.parametrize(("scale", "size"), [(8.0, "0.7"), (0.1, "0.0087")])
-def test_another_unit_is_noticed_by_the_size_of_things(scale: float, size: str) -> None:
-    (sentence,) = said(scale * table(0.4))
+def test_another_unit_is_detected_by_the_size_of_objects(scale: float, size: str) -> None:
+    (sentence,) = warnings_of(scale * table(0.4))
     assert f"{size} m wide" in sentence
     assert "--depth-units-per-metre" in sentence
 
 
-def test_steps_of_eight_bits_are_said() -> None:
+def test_steps_of_eight_bits_are_reported() -> None:
     coarse = np.round(table(0.4) / 4.0 * 255) / 255 * 4.0
-    assert any("steps of 16 mm" in sentence for sentence in said(coarse))
-    assert not any("steps" in sentence for sentence in said(np.round(table(0.4), 3)))
+    assert any("steps of 16 mm" in sentence for sentence in warnings_of(coarse))
+    assert not any("steps" in sentence for sentence in warnings_of(np.round(table(0.4), 3)))
 
 
 @pytest.mark.parametrize("depth", [np.zeros((40, 60)), np.ones((1, 1)), np.eye(50)])
-def test_where_little_is_measured_nothing_is_said(depth: np.ndarray) -> None:
-    assert said(depth) == []
+def test_nothing_is_reported_where_little_is_measured(depth: np.ndarray) -> None:
+    assert warnings_of(depth) == []
 
 
-def test_saturated_depth_is_said(tmp_path: Path) -> None:
+def test_saturated_depth_is_reported(tmp_path: Path) -> None:
     depth = np.zeros((20, 30), np.uint16)
     depth[:, :15] = 65535
     write_image(tmp_path / "d.png", depth)
@@ -85,7 +85,7 @@ def test_disparity_beyond_the_range_is_not_taken_for_another_unit(tmp_path: Path
 
 
 @pytest.mark.skipif(not CASES.exists(), reason="needs ../shared/cases")
-def test_the_shared_cases_are_said() -> None:
+def test_the_shared_cases_are_reported() -> None:
     frame = find_frames(CASES / "inverse_depth")[0].read()
     assert depth_oddities(frame.depth, frame.intrinsics.fx) == [LOOKS_INVERSE]
     camera = parse_camera("540,540,480,270")

@@ -1,4 +1,4 @@
-"""Digests of frames' files: made late, and taken over where a file is as it was."""
+"""Digests of frames' files: computed late, and reused while a file is unchanged."""
 
 import os
 import pickle
@@ -49,9 +49,7 @@ def test_a_file_of_many_frames_is_read_once(files: tuple[Path, ...], read: list[
     assert read == [files[0]]
 
 
-def test_digests_of_unchanged_files_are_taken_over(
-    files: tuple[Path, ...], read: list[Path]
-) -> None:
+def test_digests_of_unchanged_files_are_reused(files: tuple[Path, ...], read: list[Path]) -> None:
     stamp = stamp_of(FrameInputs({}, files))
     read.clear()
     module._digest.cache_clear()
@@ -61,7 +59,7 @@ def test_digests_of_unchanged_files_are_taken_over(
 
 
 @pytest.mark.parametrize("change", ["size", "time", "gone", "record"])
-def test_digests_of_changed_files_are_made_anew(
+def test_digests_of_changed_files_are_computed_again(
     files: tuple[Path, ...], read: list[Path], change: str
 ) -> None:
     stamp = stamp_of(FrameInputs({}, files))
@@ -80,5 +78,5 @@ def test_digests_of_changed_files_are_made_anew(
     now = digest(files[0]) if files[0].exists() else UNREADABLE
     assert again["0 0.png"] == now
     again = FrameInputs({}, files)
-    again.take_over(stamp, unseen=True)  # a result of this run holds whatever its file is now
+    again.take_over(stamp, unseen=True)  # results of this run stay valid
     assert dict(again) == stamp["inputs"]

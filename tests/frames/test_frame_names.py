@@ -1,4 +1,4 @@
-"""Names of flat pairs: what is written under any name is read again."""
+"""Names of flat pairs: frames written under any name are read again."""
 
 import tempfile
 from pathlib import Path
@@ -37,7 +37,7 @@ def test_frames_of_any_names_are_read_again(names: list[str]) -> None:
         written = {name: frame(name, i) for i, name in enumerate(names)}
         for each in written.values():
             write_flat_pair(Path(folder), each)
-        # One called `image` gives image_color.png, which is the folder's frame without a name.
+        # A frame called `image` is written as image_color.png, and read under the folder's name.
         found = [source.read() for source in find_frames(Path(folder))]
         back = {"image" if each.name == Path(folder).name else each.name: each for each in found}
     assert sorted(back) == sorted(written)
@@ -60,7 +60,7 @@ def test_frames_of_any_names_are_read_again(names: list[str]) -> None:
         ),
     ],
 )
-def test_the_last_word_tells_what_a_file_is(
+def test_the_last_word_of_a_name_gives_the_kind_of_a_file(
     tmp_path: Path, files: list[str], expected: dict[str, str]
 ) -> None:
     for file in files:

@@ -59,7 +59,7 @@ def only_error(folder: Path, *stated: FrameOptions) -> str:
         (("rgb/x.png", "depth/x.png"), ("rgb/x.PNG", "depth/y.png")),
     ],
 )
-def test_two_frames_of_one_name_are_refused_and_not_one_of_them_dropped(
+def test_two_frames_of_the_same_name_are_refused_and_neither_is_dropped(
     tmp_path: Path, save: Save, first: tuple[str, str], second: tuple[str, str]
 ) -> None:
     for color, depth in (first, second):
@@ -85,7 +85,7 @@ def test_a_name_that_is_not_utf8_is_read_and_can_be_written_as_text(
 @pytest.mark.parametrize(
     "stray", ["rgb/._x.png", "rgb/.x.png", "depth/._y.png", "._x_color.png", "._x.npz", "._x.pcd"]
 )
-def test_files_that_other_systems_hide_are_no_frames(
+def test_hidden_files_of_other_systems_are_not_read_as_frames(
     tmp_path: Path, save: Save, stray: str
 ) -> None:
     save(tmp_path / "rgb/x.png", tmp_path / "depth/x.png", tmp_path / "intrinsics.json")
@@ -94,7 +94,7 @@ def test_files_that_other_systems_hide_are_no_frames(
     assert source.read().name == "x"
 
 
-def test_a_picture_of_two_suffixes_is_one_frame(tmp_path: Path, save: Save) -> None:
+def test_a_picture_in_two_formats_is_one_frame(tmp_path: Path, save: Save) -> None:
     save(tmp_path / "rgb/x.jpg", tmp_path / "depth/x.png", tmp_path / "intrinsics.json")
     save(tmp_path / "rgb/x.png", tmp_path / "depth/x.npy", tmp_path / "intrinsics.json")
     (source,) = find_frames(tmp_path)
@@ -122,7 +122,7 @@ def test_frames_are_named_and_sorted(flat: Path, color: np.ndarray) -> None:
     assert_array_equal(sources[0].read().color, color)
 
 
-def test_a_picture_of_the_depth_is_no_colour_image(flat: Path, color: np.ndarray) -> None:
+def test_a_picture_of_the_depth_is_not_taken_for_colour(flat: Path, color: np.ndarray) -> None:
     cv2.imwrite(str(flat / "a_depth_color.png"), color)
     assert [source.name for source in find_frames(flat)] == ["a", "b"]
 
@@ -136,7 +136,7 @@ def test_folders_of_folders_give_relative_names(tmp_path: Path, save: Save) -> N
     for place in ("one", "two/deep"):
         folder = tmp_path / place
         save(folder / "x_color.png", folder / "x_depth.png", folder / "x_camera.json")
-    # Beside frames, nothing deeper is searched: native copies, masks, overlays lie there.
+    # Folders next to frames are not searched: they hold native copies, masks and overlays.
     save(tmp_path / "one/native/y_color.png", tmp_path / "one/native/y_depth.png", None)
     assert [source.name for source in find_frames(tmp_path)] == ["one/x", "two/deep/x"]
 
@@ -191,11 +191,11 @@ def test_graspnet_trees_are_read_from_any_level(scene_root: Path, below: str, pr
     assert sources[1].read().intrinsics.fx == 60.0
 
 
-def test_without_a_choice_every_camera_is_read(scene_root: Path) -> None:
+def test_every_camera_is_read_unless_one_is_chosen(scene_root: Path) -> None:
     assert len(find_frames(scene_root)) == 4
 
 
-def test_an_empty_folder_says_what_is_looked_for(tmp_path: Path) -> None:
+def test_a_folder_without_frames_is_refused_with_the_expected_names(tmp_path: Path) -> None:
     (tmp_path / "holiday.jpg").write_bytes(b"")
     with pytest.raises(SymgraspError, match=r"no RGB-D frames.*_color\.png"):
         find_frames(tmp_path)
@@ -203,7 +203,9 @@ def test_an_empty_folder_says_what_is_looked_for(tmp_path: Path) -> None:
         find_frames(tmp_path / "holiday.jpg")
 
 
-def test_a_frame_without_intrinsics_asks_for_them(tmp_path: Path, save: Save) -> None:
+def test_a_frame_without_intrinsics_is_refused_with_the_option_for_them(
+    tmp_path: Path, save: Save
+) -> None:
     save(tmp_path / "x_color.png", tmp_path / "x_depth.png", None)
     assert "--intrinsics" in only_error(tmp_path)
 
@@ -216,7 +218,7 @@ def test_stated_intrinsics_and_units_win_over_files(flat: Path) -> None:
 
 
 @pytest.mark.parametrize("units", [0.0, -1000.0, float("nan"), float("inf")])
-def test_units_that_are_none_are_refused(flat: Path, units: float) -> None:
+def test_wrong_units_are_refused(flat: Path, units: float) -> None:
     with pytest.raises(SymgraspError, match="--depth-units-per-metre is"):
         find_frames(flat, FrameOptions(None, units))
 
@@ -241,7 +243,7 @@ def test_a_missing_partner_fails_its_frame_alone(flat: Path) -> None:
     assert "b_depth.png: has no colour" in failures["b"]
 
 
-def test_one_truncated_png_fails_alone(flat: Path) -> None:
+def test_a_truncated_png_fails_alone(flat: Path) -> None:
     data = (flat / "a_depth.png").read_bytes()
     (flat / "a_depth.png").write_bytes(data[: len(data) // 2])
     first, second = find_frames(flat)
@@ -261,7 +263,7 @@ def test_one_truncated_png_fails_alone(flat: Path) -> None:
         (np.full((HEIGHT, WIDTH), 40, np.uint16), "40 m under 1"),
     ],
 )
-def test_depth_that_cannot_be_depth_is_refused(
+def test_images_that_cannot_be_depth_are_refused(
     flat: Path, stored: np.ndarray, sentence: str
 ) -> None:
     cv2.imwrite(str(flat / "a_depth.png"), stored)
@@ -271,7 +273,7 @@ def test_depth_that_cannot_be_depth_is_refused(
 
 
 @pytest.mark.parametrize("millimetres", [70, 135])
-def test_a_camera_on_a_wrist_may_be_close(flat: Path, millimetres: int) -> None:
+def test_close_depth_of_a_wrist_camera_is_accepted(flat: Path, millimetres: int) -> None:
     cv2.imwrite(str(flat / "a_depth.png"), np.full((HEIGHT, WIDTH), millimetres, np.uint16))
     frame = find_frames(flat)[0].read()
     assert_allclose(frame.depth, millimetres / 1000)
@@ -279,7 +281,7 @@ def test_a_camera_on_a_wrist_may_be_close(flat: Path, millimetres: int) -> None:
     assert f"about {millimetres / 1000:.2g} m, closer than most cameras measure" in note
 
 
-def test_close_views_that_another_unit_makes_likelier_have_to_be_stated(flat: Path) -> None:
+def test_close_depth_that_another_unit_explains_better_needs_a_stated_unit(flat: Path) -> None:
     cv2.imwrite(str(flat / "a_depth.png"), np.full((HEIGHT, WIDTH), 1000, np.uint16))
     in_file = CameraFile(60.0, 61.0, 31.5, 23.5, units_per_metre=10000.0)
     with pytest.raises(FormatError, match="1 m under 1000"):
@@ -308,7 +310,7 @@ def test_every_kind_of_missing_float_depth_reads_as_zero(
     assert (frame.depth == 0).sum() == 1
 
 
-def test_colour_of_twice_the_size_is_resampled_and_said(
+def test_colour_of_twice_the_size_is_resampled_and_reported(
     flat: Path, color: np.ndarray, caplog: pytest.LogCaptureFixture
 ) -> None:
     twice = np.repeat(np.repeat(color, 2, axis=0), 2, axis=1)

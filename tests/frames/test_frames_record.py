@@ -1,4 +1,4 @@
-"""The places of the frames of a `grasps.h5`: written down, and found again."""
+"""The record of the paths of a `grasps.h5`'s frames: written, and found again."""
 
 import json
 from pathlib import Path
@@ -17,7 +17,7 @@ def attributes(record: FramesRecord, grasps: Path) -> dict[str, str]:
     return {"provenance": stamp.as_text()}
 
 
-def test_a_record_comes_back_also_when_file_and_frames_move_together(tmp_path: Path) -> None:
+def test_a_record_is_found_again_when_file_and_frames_move_together(tmp_path: Path) -> None:
     camera = CameraFile(500.0, 501.0, 319.5, 239.5)
     grasps = tmp_path / "old/out/grasps.h5"
     (tmp_path / "old/frames").mkdir(parents=True)
@@ -30,7 +30,9 @@ def test_a_record_comes_back_also_when_file_and_frames_move_together(tmp_path: P
     assert back.stated == FrameOptions(camera, 5000.0)
 
 
-def test_frames_that_are_gone_or_unknown_are_a_sentence_unless_given(tmp_path: Path) -> None:
+def test_missing_or_unknown_frames_give_one_sentence_unless_a_folder_is_given(
+    tmp_path: Path,
+) -> None:
     grasps = tmp_path / "grasps.h5"
     attrs = attributes(FramesRecord(tmp_path / "frames", FrameOptions(None, 10.0)), grasps)
     with pytest.raises(FormatError, match="give --frames"):
@@ -42,12 +44,12 @@ def test_frames_that_are_gone_or_unknown_are_a_sentence_unless_given(tmp_path: P
 
 
 @pytest.mark.parametrize("record", [{"frames": ".", "camera": {"fx": 1}}, [1], {"frames": 7}])
-def test_a_damaged_record_is_a_sentence(tmp_path: Path, record: object) -> None:
+def test_a_damaged_record_is_reported_in_one_sentence(tmp_path: Path, record: object) -> None:
     attrs = {"provenance": json.dumps({"recorded": record})}
     with pytest.raises(FormatError, match="damaged"):
         FramesRecord.of(tmp_path / "grasps.h5", attrs)
 
 
-def test_what_is_recorded_is_in_the_stamp_only_where_there_is_any() -> None:
+def test_the_stamp_holds_a_record_only_where_there_is_one() -> None:
     assert "recorded" not in Stamp("infer", {}).as_json()
     assert Stamp("infer", {}, recorded={"frames": "x"}).as_json()["recorded"] == {"frames": "x"}

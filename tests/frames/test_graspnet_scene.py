@@ -25,7 +25,7 @@ def poses() -> list[ObjectPose]:
     return [ObjectPose(i, make_pose(random_rotation(rng), rng.normal(size=3))) for i in (14, 2, 70)]
 
 
-def test_the_xml_has_the_originals_children_by_position(
+def test_the_xml_has_its_children_in_the_order_of_the_original(
     tmp_path: Path, poses: list[ObjectPose]
 ) -> None:
     scene.write_annotation(tmp_path / "0000.xml", poses)
@@ -34,7 +34,7 @@ def test_the_xml_has_the_originals_children_by_position(
         '<?xml version="1.0" ?>\n<scene>\n    <obj>\n        <obj_id>14</obj_id>'
     )
     assert not any(not line.strip() for line in text.splitlines())
-    # As the original reads: children 0 to 4, whatever their tags.
+    # The original reads children 0 to 4 by position, whatever their tags.
     for element, pose in zip(ElementTree.fromstring(text), poses, strict=True):
         assert int(element[0].text or "") == pose.object_id
         position = [float(word) for word in (element[3].text or "").split()]
@@ -42,7 +42,7 @@ def test_the_xml_has_the_originals_children_by_position(
         assert all(len(word.split(".")[1]) == 4 for word in (element[4].text or "").split())
 
 
-def test_xml_poses_come_back_within_their_four_decimals(
+def test_xml_poses_are_read_back_within_four_decimals(
     tmp_path: Path, poses: list[ObjectPose]
 ) -> None:
     scene.write_annotation(tmp_path / "0000.xml", poses)
@@ -79,9 +79,7 @@ def test_children_in_another_order_are_read_by_their_tags(
         assert_array_equal(read.T_cam_obj, known.T_cam_obj)
 
 
-def test_objects_in_another_order_keep_their_own_poses(
-    tmp_path: Path, poses: list[ObjectPose]
-) -> None:
+def test_objects_in_another_order_keep_their_poses(tmp_path: Path, poses: list[ObjectPose]) -> None:
     scene.write_annotation(tmp_path / "a.xml", poses[::-1])
     scene.write_meta(tmp_path / "a.mat", poses, K)
     read = scene.read_poses(tmp_path / "a.xml", tmp_path / "a.mat")
@@ -103,7 +101,7 @@ def test_objects_in_another_order_keep_their_own_poses(
         ("ori_in_world", "nan 0 0 1", "no rigid transform"),
     ],
 )
-def test_a_pose_at_fault_is_one_sentence(
+def test_a_wrong_pose_is_reported_in_one_sentence(
     tmp_path: Path, poses: list[ObjectPose], tag: str, text: str | None, sentence: str
 ) -> None:
     path = tmp_path / "0003.xml"
@@ -125,7 +123,7 @@ def test_a_pose_at_fault_is_one_sentence(
 @pytest.mark.parametrize(
     "text", ["<scene><obj>", "", "<scene><obj><obj_id>x</obj_id></obj></scene>"]
 )
-def test_a_damaged_xml_is_one_sentence(tmp_path: Path, text: str) -> None:
+def test_a_damaged_xml_is_reported_in_one_sentence(tmp_path: Path, text: str) -> None:
     (tmp_path / "0000.xml").write_text(text)
     with pytest.raises(FormatError, match=r"0000\.xml"):
         scene.read_annotation_xml(tmp_path / "0000.xml")
@@ -159,7 +157,7 @@ def test_meta_bytes_do_not_depend_on_the_time(tmp_path: Path, poses: list[Object
 
 
 @pytest.mark.parametrize("count", [0, 1, 3])
-def test_meta_poses_come_back_in_float32(
+def test_meta_poses_are_read_back_in_float32(
     tmp_path: Path, poses: list[ObjectPose], count: int
 ) -> None:
     scene.write_meta(tmp_path / "0000.mat", poses[:count], K)
@@ -171,7 +169,7 @@ def test_meta_poses_come_back_in_float32(
 
 
 @pytest.mark.parametrize("number", [np.nan, np.inf, -1.0])
-def test_meta_poses_that_are_none_come_back_as_they_are(
+def test_wrong_meta_poses_are_read_back_unchanged(
     tmp_path: Path, poses: list[ObjectPose], number: float
 ) -> None:
     spoilt = [ObjectPose(p.object_id, p.T_cam_obj.astype(np.float32)) for p in poses]
@@ -181,7 +179,9 @@ def test_meta_poses_that_are_none_come_back_as_they_are(
     assert_array_equal(read, np.stack([p.T_cam_obj for p in spoilt]))
 
 
-def test_a_truncated_mat_is_one_sentence(tmp_path: Path, poses: list[ObjectPose]) -> None:
+def test_a_truncated_mat_is_reported_in_one_sentence(
+    tmp_path: Path, poses: list[ObjectPose]
+) -> None:
     path = tmp_path / "0000.mat"
     scene.write_meta(path, poses, K)
     path.write_bytes(path.read_bytes()[:200])
@@ -189,7 +189,7 @@ def test_a_truncated_mat_is_one_sentence(tmp_path: Path, poses: list[ObjectPose]
         scene.read_meta(path)
 
 
-def test_poses_have_the_digits_of_the_mat_where_both_agree(
+def test_poses_take_the_digits_of_the_mat_where_both_files_agree(
     tmp_path: Path, poses: list[ObjectPose]
 ) -> None:
     scene.write_annotation(tmp_path / "a.xml", poses)
@@ -201,7 +201,7 @@ def test_poses_have_the_digits_of_the_mat_where_both_agree(
 
 
 @pytest.mark.parametrize("stale", ["moved", "other objects", "absent"])
-def test_a_stale_mat_leaves_the_poses_to_the_xml(
+def test_poses_come_from_the_xml_where_the_mat_is_stale(
     tmp_path: Path, poses: list[ObjectPose], stale: str
 ) -> None:
     scene.write_annotation(tmp_path / "a.xml", poses)
@@ -222,7 +222,7 @@ def test_object_ids_are_one_a_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("line", [b"banana", b"\xc6", b"9" * 5000, "\u00b2".encode(), b"-1"])
-def test_a_line_that_is_no_object_id_is_refused(tmp_path: Path, line: bytes) -> None:
+def test_a_line_without_an_object_id_is_refused(tmp_path: Path, line: bytes) -> None:
     (tmp_path / "object_id_list.txt").write_bytes(b"14\n" + line)
     with pytest.raises(FormatError, match="object id"):
         scene.read_object_ids(tmp_path / "object_id_list.txt")
@@ -249,7 +249,7 @@ def test_rotations_of_few_decimals_are_made_exact_and_exact_ones_stay(
     assert_array_equal(scene.read_pose_array(tmp_path / "few_one.npy", 2), few[1])
     hand = GraspPoses(np.eye(3), np.zeros(3), np.array(0.05))
     for T in few:
-        hand.transformed(T)  # else refused as no rotation
+        hand.transformed(T)  # otherwise refused as no rotation
     single = scene.read_pose_array(tmp_path / "single.npy", 3)
     assert_array_equal(single, exact.astype(np.float32))
     assert_array_equal(scene.read_pose_array(tmp_path / "single_one.npy", 2), single[1])

@@ -1,4 +1,4 @@
-"""Hand-eye calibrations as the usual tools save them."""
+"""Hand-eye calibrations in the files of the usual tools."""
 
 import json
 
@@ -51,7 +51,7 @@ FILES = {
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_the_pose_is_read_whatever_the_tool(name, tmp_path):
+def test_the_pose_is_read_from_the_file_of_every_tool(name, tmp_path):
     (tmp_path / name).write_text(FILES[name])
     found = read_hand_eye(tmp_path / name)
     assert_allclose(found.T_base_cam, T_BASE_CAM, atol=1e-9)
@@ -60,7 +60,7 @@ def test_the_pose_is_read_whatever_the_tool(name, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "said"),
+    ("name", "text", "sentence"),
     [
         ("a.yaml", EASY_HANDEYE.replace("false", "true", 1), "camera on the hand"),
         ("b.yaml", EASY_HANDEYE2.replace("eye_on_base", "eye_in_hand"), "camera on the hand"),
@@ -74,7 +74,7 @@ def test_the_pose_is_read_whatever_the_tool(name, tmp_path):
         ("j.yaml", "parameters: 3\ntransformation: [1, 2]\n", "holds no pose"),
     ],
 )
-def test_what_is_none_is_a_sentence(name, text, said, tmp_path):
+def test_a_file_without_a_valid_pose_is_reported_in_one_sentence(name, text, sentence, tmp_path):
     (tmp_path / name).write_text(text)
-    with pytest.raises(FormatError, match=said):
+    with pytest.raises(FormatError, match=sentence):
         read_hand_eye(tmp_path / name)

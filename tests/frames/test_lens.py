@@ -1,4 +1,4 @@
-"""Lens distortion: removed from colour and depth by the models that OpenCV has."""
+"""Removal of lens distortion from colour and depth, by OpenCV's models."""
 
 import json
 from pathlib import Path
@@ -51,7 +51,7 @@ def bent(ray: np.ndarray, lens: Distortion) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("lens", LENSES)
-def test_a_pixel_of_the_image_comes_from_where_the_lens_shows_its_ray(lens: Distortion) -> None:
+def test_each_pixel_takes_the_place_where_the_lens_shows_its_ray(lens: Distortion) -> None:
     rows, columns = np.mgrid[:120, :160].astype(np.float32)
     taken = np.stack([columns, rows], -1)
     moved = undistorted(taken, CAMERA, lens, smooth=True)
@@ -59,13 +59,13 @@ def test_a_pixel_of_the_image_comes_from_where_the_lens_shows_its_ray(lens: Dist
         ray = np.array([(u - 79.5) / 100.0, (v - 59.5) / 101.0])
         place = moved[v, u]
         seen = (place - (79.5, 59.5)) / (100.0, 101.0)
-        if lens.model == INVERSE:  # it states the way back
+        if lens.model == INVERSE:  # this model states the inverse mapping
             np.testing.assert_allclose(bent(seen, lens), ray, atol=1e-3)
         else:
             np.testing.assert_allclose(seen, bent(ray, lens), atol=1e-3)
 
 
-def test_depth_has_no_values_that_were_not_measured() -> None:
+def test_undistorted_depth_has_only_measured_values() -> None:
     depth = np.where(np.arange(160) < 80, 0.5, 0.9).astype(np.float32) * np.ones(
         (120, 1), np.float32
     )
@@ -73,7 +73,7 @@ def test_depth_has_no_values_that_were_not_measured() -> None:
     assert set(np.unique(moved)) == {0.0, np.float32(0.5), np.float32(0.9)}
 
 
-def test_where_a_polynomial_turns_back_nothing_is_seen() -> None:
+def test_pixels_beyond_the_turn_of_the_polynomial_are_missing() -> None:
     wide = Intrinsics(60.0, 60.0, 79.5, 59.5, 160, 120)
     ones = np.ones((120, 160), np.float32)
     moved = undistorted(ones, wide, Distortion(BROWN, (-0.5, 0.0)), smooth=False)
@@ -81,7 +81,7 @@ def test_where_a_polynomial_turns_back_nothing_is_seen() -> None:
     assert moved[0, 0] == 0.0  # r = 1.6; r - 0.5 r^3 falls from r = 0.82 on
 
 
-def test_less_than_half_a_pixel_is_left_in() -> None:
+def test_distortion_below_half_a_pixel_is_not_removed() -> None:
     assert displacement(CAMERA, Distortion(BROWN, (1e-4, 0.0))) == 0.0
     assert displacement(CAMERA, Distortion()) == 0.0
     assert displacement(CAMERA, LENSES[0]) > 10.0
@@ -105,12 +105,12 @@ def test_less_than_half_a_pixel_is_left_in() -> None:
         ({"distortion": "none", "fx": 1.0}, Distortion()),
     ],
 )  # fmt: skip
-def test_the_keys_of_many_tools_are_known(content: dict, expected: Distortion) -> None:
+def test_the_distortion_keys_of_many_tools_are_known(content: dict, expected: Distortion) -> None:
     assert distortion_in(Path("camera.json"), content) == expected
 
 
 @pytest.mark.parametrize("D", [[float("nan"), 0.1], [0.1] * 15, ["wide"], [[0.1], [0.2, 0.3]]])
-def test_coefficients_that_cannot_be_are_one_sentence(D: list) -> None:
+def test_impossible_coefficients_are_reported_in_one_sentence(D: list) -> None:
     with pytest.raises(FormatError, match=r"camera\.json"):
         camera_from_mapping(Path("camera.json"), NAMED | {"D": D})
 
@@ -132,14 +132,14 @@ def framed(lens: Distortion, depth: np.ndarray):
     return make_frame(*parts, camera, DepthUnits())
 
 
-def test_a_frame_says_that_its_distortion_is_removed_and_masks_follow() -> None:
+def test_a_frame_notes_its_removed_distortion_and_masks_are_moved_along() -> None:
     depth = np.full((120, 160), 700, np.uint16)
     frame = framed(LENSES[0], depth)
     assert "lens distortion (Brown-Conrady) is removed" in frame.notes[0]
     mask = np.zeros((120, 160), np.bool_)
     mask[20:24, 20:24] = True
     rows, columns = np.nonzero(frame.laid_on(mask))
-    assert rows.mean() < 19  # what a barrel shows near its middle lies farther out
+    assert rows.mean() < 19  # barrel distortion draws points towards the middle
     assert columns.mean() < 19
     assert frame.laid_on(np.full((120, 160), 3, np.int32))[60, 80] == 3
     plain = framed(Distortion(), depth)
@@ -147,7 +147,7 @@ def test_a_frame_says_that_its_distortion_is_removed_and_masks_follow() -> None:
     assert plain.laid_on(mask) is mask
 
 
-def test_a_model_that_is_not_known_is_said() -> None:
+def test_an_unknown_model_is_reported() -> None:
     frame = framed(Distortion("fov", (0.9,)), np.full((120, 160), 700, np.uint16))
     assert frame.notes == ("the lens distortion is of the unknown model fov and stays",)
 

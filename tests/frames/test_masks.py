@@ -31,15 +31,15 @@ def test_run_lengths_go_down_the_columns_zeros_first() -> None:
     assert encode_mask(mask).tolist() == [0, 2, 1, 1, 2]
 
 
-@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # pycocotools' own
-def test_run_lengths_are_cocos() -> None:
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of pycocotools
+def test_run_lengths_equal_those_of_pycocotools() -> None:
     coco = pytest.importorskip("pycocotools.mask")
     mask = np.random.default_rng(0).random((20, 30)) > 0.6
     runs = coco.frPyObjects({"counts": encode_mask(mask).tolist(), "size": [20, 30]}, 20, 30)
     assert_array_equal(coco.decode(runs).astype(bool), mask)
 
 
-def test_runs_that_do_not_fill_the_image_are_refused() -> None:
+def test_run_lengths_that_do_not_fill_the_image_are_refused() -> None:
     with pytest.raises(ValueRangeError, match="3x3"):
         decode_mask(np.array([4, 4]), 3, 3)
 
@@ -52,14 +52,14 @@ def test_the_box_ends_after_the_last_pixel() -> None:
 
 
 @pytest.mark.parametrize("name", ["s/x_label.png", "s/x.png", "x_mask.png", "x.png"])
-def test_a_users_mask_is_found_by_its_names(tmp_path: Path, name: str) -> None:
+def test_a_users_mask_is_found_under_each_known_name(tmp_path: Path, name: str) -> None:
     ids = np.arange(12, dtype=np.uint16).reshape(3, 4) * 100
     (tmp_path / "s").mkdir()
     cv2.imwrite(str(tmp_path / name), ids)
     assert_array_equal(read_masks(tmp_path, "s/x"), ids)
 
 
-def test_a_missing_mask_says_what_is_looked_for(tmp_path: Path) -> None:
+def test_a_missing_mask_is_refused_with_the_expected_names(tmp_path: Path) -> None:
     with pytest.raises(SymgraspError, match=r"s/x_label\.png"):
         read_masks(tmp_path, "s/x")
 
@@ -70,14 +70,16 @@ def test_a_coloured_mask_is_refused(tmp_path: Path) -> None:
         read_masks(tmp_path, "x")
 
 
-def test_three_equal_channels_are_one(tmp_path: Path) -> None:
+def test_three_equal_channels_are_read_as_one(tmp_path: Path) -> None:
     ids = np.arange(12, dtype=np.uint8).reshape(3, 4)
     cv2.imwrite(str(tmp_path / "x.png"), np.repeat(ids[:, :, None], 3, axis=2))
     assert_array_equal(read_masks(tmp_path, "x"), ids)
 
 
 @pytest.mark.parametrize("bits", [2, 8])
-def test_of_a_palette_the_places_count_and_not_the_colours(tmp_path: Path, bits: int) -> None:
+def test_a_palette_image_is_read_by_its_indices_and_not_its_colours(
+    tmp_path: Path, bits: int
+) -> None:
     ids = np.array([[0, 1, 1, 0], [2, 2, 3, 0]], np.uint8)
     if bits == 8:
         ids[0, 3] = 255  # outlines, as PASCAL VOC's masks have them

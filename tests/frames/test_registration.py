@@ -1,4 +1,4 @@
-"""Colour that lies beside the depth is noticed; registered frames are left in peace."""
+"""Detection of colour that is offset from the depth; registered frames give no warning."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +27,7 @@ BUNDLED = Path(__file__).resolve().parents[2] / "pipelines/weights/frames"
 
 
 def boxes(seed: int, dx: int = 0, dy: int = 0) -> Frame:
-    """Boxes of a colour each on a table; colour lies (dx, dy) pixels off."""
+    """Boxes of one colour each on a table; the colour image is (dx, dy) pixels off."""
     rng = np.random.default_rng(seed)
     depth = np.full((240, 320), 0.9, np.float32)
     color = np.full((240, 320, 3), 90, np.uint8)
@@ -42,7 +42,7 @@ def boxes(seed: int, dx: int = 0, dy: int = 0) -> Frame:
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10_000))
-def test_frames_that_lie_right_are_left_in_peace(seed: int) -> None:
+def test_registered_frames_give_no_warning(seed: int) -> None:
     assert color_offset(boxes(seed)) is None
 
 
@@ -54,26 +54,26 @@ def test_an_offset_is_measured(seed: int, offset: tuple[int, int]) -> None:
     assert max(abs(found[0] - offset[0]), abs(found[1] - offset[1])) <= 2
 
 
-def test_without_edges_nothing_is_said() -> None:
+def test_frames_without_edges_give_no_warning() -> None:
     frame = boxes(0, 12)
     assert color_offset(replace(frame, color=np.full_like(frame.color, 128))) is None
     assert color_offset(replace(frame, depth=np.full_like(frame.depth, 0.7))) is None
 
 
 @pytest.mark.parametrize("shape", [(1, 640), (2, 640), (1, 1280), (5, 1280), (640, 1), (1, 1)])
-def test_of_a_strip_nothing_is_said(shape: tuple[int, int]) -> None:
+def test_a_narrow_strip_gives_no_warning(shape: tuple[int, int]) -> None:
     rng = np.random.default_rng(0)
     color = rng.integers(0, 255, (*shape, 3), dtype=np.uint8)
     depth = rng.uniform(0.4, 1.5, shape).astype(np.float32)
     assert oddities(Frame("strip", color, depth, CAMERA)) == ()
 
 
-def test_the_demos_frames_lie_right() -> None:
+def test_the_frames_of_the_demo_are_registered() -> None:
     for source in find_frames(BUNDLED):
         assert color_offset(source.read()) is None
 
 
-def test_real_frames_lie_right_and_are_noticed_when_they_do_not(shared: Path) -> None:
+def test_real_frames_are_registered_and_an_offset_is_detected(shared: Path) -> None:
     noticed = 0
     sources = [s for s in find_frames(shared / "frames") if "native" not in s.name][::3]
     for source in sources:
@@ -85,7 +85,7 @@ def test_real_frames_lie_right_and_are_noticed_when_they_do_not(shared: Path) ->
 
 
 @pytest.mark.parametrize("share", [0.2, 0.6])
-def test_sparse_depth_is_mentioned(share: float) -> None:
+def test_sparse_depth_gives_a_warning(share: float) -> None:
     frame = boxes(0)
     depth = frame.depth * (np.arange(240) < share * 240)[:, None]
     sentences = oddities(replace(frame, depth=depth.astype(np.float32), notes=("from afar",)))
@@ -93,7 +93,7 @@ def test_sparse_depth_is_mentioned(share: float) -> None:
     assert any("third" in sentence for sentence in sentences) == (share < 1 / 3)
 
 
-def test_the_change_of_colour_is_the_length_of_its_slopes() -> None:
+def test_the_change_of_colour_is_the_length_of_its_gradient() -> None:
     noise = np.random.default_rng(0).integers(0, 256, (240, 320), dtype=np.uint8)
     noise[60:120, 80:160] = noise[60:120, 80:160] // 128 * 255  # the steepest slopes there are
     dx, dy = (cv2.Sobel(noise, cv2.CV_32F, *axes) for axes in ((1, 0), (0, 1)))

@@ -1,4 +1,4 @@
-"""The sentence about a folder without frames: what lies there, and what is missing."""
+"""The error about a folder without frames names its files and the missing ones."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ from pipelines.frames.frames import find_frames
         (["my_depth_map.pfm"], "no colour image goes with my_depth_map.pfm"),
     ],
 )
-def test_what_lies_there_and_what_is_missing_is_said(
+def test_the_files_of_the_folder_and_the_missing_ones_are_named(
     tmp_path: Path, files: list[str], sentence: str
 ) -> None:
     for file in files:

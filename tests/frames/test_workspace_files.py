@@ -11,7 +11,7 @@ from pipelines.frames.workspace_files import (
 from pipelines.storage.images import write_image
 
 
-def test_six_numbers_are_a_box_a_file_is_a_mask_nothing_is_everywhere(tmp_path):
+def test_six_numbers_give_a_box_a_file_gives_a_mask_and_no_value_gives_no_limit(tmp_path):
     assert parse_workspace("-0.1,0,0.4, .1 0.2,1e0") == ((-0.1, 0, 0.4, 0.1, 0.2, 1), None)
     write_image(tmp_path / "m.png", np.zeros((4, 5), np.uint8))
     assert parse_workspace(str(tmp_path / "m.png")) == ((), tmp_path / "m.png")
@@ -25,7 +25,7 @@ def test_anything_else_is_refused_with_both_forms(text):
 
 
 @pytest.mark.parametrize("channels", [None, 3])
-def test_what_is_not_black_is_inside(tmp_path, channels):
+def test_pixels_that_are_not_black_are_inside(tmp_path, channels):
     mask = np.zeros((4, 5), np.uint8)
     mask[1:3, 2:4] = 1
     stored = mask if channels is None else np.stack([0 * mask, mask, 0 * mask], -1)
@@ -33,7 +33,7 @@ def test_what_is_not_black_is_inside(tmp_path, channels):
     np.testing.assert_array_equal(read_workspace_mask(tmp_path / "m.png", (4, 5)), mask > 0)
 
 
-def test_a_mask_of_another_size_or_no_picture_is_refused(tmp_path):
+def test_a_mask_of_another_size_and_a_file_that_is_no_picture_are_refused(tmp_path):
     write_image(tmp_path / "m.png", np.zeros((4, 5), np.uint8))
     with pytest.raises(SymgraspError, match="5 x 4"):
         read_workspace_mask(tmp_path / "m.png", (5, 4))

@@ -65,13 +65,13 @@ def l_shape(long=0.12, short=0.07, thick=0.03):
 
 
 def pebble():
-    """The convex hull of a few scattered points: nothing symmetric."""
+    """The convex hull of a few scattered points, without a symmetry."""
     points = np.random.default_rng(7).normal(size=(14, 3)) * (0.05, 0.03, 0.02)
     return mesh_of(trimesh.convex.convex_hull(points))
 
 
 def ball_beside_box():
-    """A ball and a tilted box, unconnected, of which nothing whole is symmetric."""
+    """A ball and a tilted box, unconnected, without a symmetry of the whole."""
     parts = [trimesh.creation.icosphere(3, 0.03), trimesh.creation.box((0.03, 0.05, 0.09))]
     turn = trimesh.transformations.rotation_matrix(1.1, (0.3, 1.0, 0.2), (0.0, 0.0, 0.0))
     turn[:3, 3] = (0.085, 0.02, 0.03)
@@ -97,7 +97,7 @@ def sheet(outline, cells=16):
 
 
 def card(x=0.0856, y=0.054):
-    """A bank card without thickness."""
+    """A rectangle like a bank card, without thickness."""
     return sheet(np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * (0.5 * x, 0.5 * y))
 
 
@@ -132,7 +132,7 @@ def pronged_column():
 
 
 def crossed_columns():
-    """Two columns beside each other, unconnected, one lying across."""
+    """Two columns next to each other, unconnected, at right angles."""
     lying = trimesh.creation.cylinder(0.02, 0.09, sections=64)
     turn = trimesh.transformations.rotation_matrix(np.pi / 2.0, (1.0, 0.2, 0.0))
     turn[:3, 3] = (0.1, 0.01, 0.0)

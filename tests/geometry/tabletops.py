@@ -13,7 +13,7 @@ TABLE_HALF = (0.45, 0.35)  # metres
 
 @dataclass(frozen=True)
 class Box:
-    """A box with `size` (3,) whose middle of the bottom stands at `at` (3,), turned by `yaw`."""
+    """A box with `size` (3,), the middle of its bottom at `at` (3,), turned by `yaw`."""
 
     size: tuple[float, float, float]
     at: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -102,7 +102,7 @@ def looking_at_table(distance=0.7, elevation=0.9):
 
 
 def render(shapes, T_cam_table=None, camera=CAMERA):
-    """Return depth (H, W) metres and index (H, W) of the shape seen, -1 for table or nothing."""
+    """Return depth (H, W), metres, and index (H, W) of the seen shape, -1 for table or nothing."""
     T = looking_at_table() if T_cam_table is None else T_cam_table
     T_table_cam = invert(T)
     rays = rotate_vectors(T_table_cam, camera.rays())

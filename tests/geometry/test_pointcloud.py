@@ -12,7 +12,7 @@ def test_a_plane_faces_the_viewpoint():
     assert_allclose(plane.facing([0, 0, 0]).height([0.0, 0.0, 3.0]), -2.0)
 
 
-def test_thinning_keeps_one_point_a_cube():
+def test_thinning_keeps_one_point_per_cube():
     cloud = np.array([[0, 0, 0], [0.001, 0, 0], [0.02, 0, 0]])
     assert voxel_downsample(cloud, 0.01).tolist() == [0, 2]
     assert voxel_downsample(np.zeros((0, 3)), 0.01).tolist() == []

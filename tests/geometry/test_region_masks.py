@@ -19,7 +19,7 @@ def posed_box(rng):
 
 
 def halves(mesh):
-    """The triangles that look along +x and the others: two regions."""
+    """Two regions: the triangles whose normals point along +x, and the others."""
     right = mesh.face_normals[:, 0] > 0.5
     return RegionedObject(
         mesh,
@@ -66,7 +66,7 @@ def test_an_object_of_one_region_shows_it_in_all_its_pixels():
     assert found.visible > 0.85
 
 
-def test_the_visible_share_falls_with_what_is_hidden():
+def test_the_visible_share_falls_by_the_hidden_pixels():
     mesh, pose = box(), posed_box(np.random.default_rng(2))
     label = label_of(mesh, pose)
     columns = np.flatnonzero((label == 1).any(axis=0))
@@ -77,7 +77,7 @@ def test_the_visible_share_falls_with_what_is_hidden():
     assert 0.2 * seen.visible < part.visible < 0.8 * seen.visible
 
 
-def test_symmetries_come_in_the_camera_frame():
+def test_symmetries_are_given_in_the_camera_frame():
     mesh, pose = box(), posed_box(np.random.default_rng(3))
     (found,) = visible_regions(label_of(mesh, pose), CAMERA, [(0, pose)], {0: whole(mesh)})
     assert_allclose(found.symmetries[0].normal, pose[:3, 0])
@@ -92,7 +92,7 @@ def test_objects_without_regions_or_pixels_give_nothing():
 
 
 def triangle_seen(triangles, ray):
-    """The triangle that `ray` (3,) from the origin meets first, all of them tried; -1 for none."""
+    """The first triangle that `ray` (3,) from the origin hits, by trying all; -1 for none."""
     a, b, c = triangles.swapaxes(0, 1)
     system = np.stack([b - a, c - a, np.broadcast_to(-ray, a.shape)], axis=2)
     u, v, depth = np.linalg.solve(system, -a[..., None])[..., 0].T
@@ -104,7 +104,7 @@ def test_masks_equal_rays_tried_triangle_by_triangle_where_parts_hide_each_other
     mesh = ball_beside_box()
     in_box = np.arange(len(mesh.faces)) >= len(mesh.faces) - 12
     in_crown = ~in_box & (mesh.triangles[..., 2].min(axis=1) > 0.005)
-    # The ball's lower half is in no region, but hides what is behind it all the same.
+    # The ball's lower half is in no region, but hides the surfaces behind it.
     regioned = RegionedObject(
         mesh,
         (
@@ -113,7 +113,7 @@ def test_masks_equal_rays_tried_triangle_by_triangle_where_parts_hide_each_other
         ),
     )
     camera = Intrinsics(60.0, 60.0, 19.5, 14.5, 40, 30)
-    toward = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])  # the ball is before the box
+    toward = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])  # the ball is in front of the box
     pose = make_pose(toward, np.array([0.001, 0.002, 0.2]))
     label = cast_view(Scene([mesh], [pose]), camera, np.eye(4)).object_index + 1
     expected = np.full(label.shape, -1)

@@ -1,4 +1,4 @@
-"""Rays against meshes with known answers."""
+"""Rays against meshes with known distances."""
 
 import numpy as np
 import pytest
@@ -60,7 +60,7 @@ def test_distances_are_exact_to_double_precision():
     assert (triangle >= 0).all()
 
 
-def test_rays_that_miss_say_so():
+def test_rays_that_miss_are_marked():
     distance, triangle = first_hits(BOX, [[1.0, 1.0, -1.0]], [[0, 0, 1.0]])
     assert distance[0] == np.inf
     assert triangle[0] == -1

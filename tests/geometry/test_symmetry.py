@@ -1,4 +1,4 @@
-"""Symmetries as value types: what a counterpart is, and how symmetries move."""
+"""Symmetries as value types: their counterparts and their rigid motions."""
 
 import numpy as np
 import pytest
@@ -74,6 +74,6 @@ def test_discrete_rotations_have_no_slot():
     assert SymmetrySlots.from_symmetries([discrete]).existence.sum() == 0
 
 
-def test_a_normal_that_is_no_direction_is_refused():
+def test_a_normal_without_a_direction_is_refused():
     with pytest.raises(ValueRangeError, match="normal"):
         ReflectionSymmetry([0, 0, 0], [0, 0, 0])

@@ -1,4 +1,4 @@
-"""The dense symmetry error as a measure: zero for the same, signless, scale-free, moving along."""
+"""Laws of the dense symmetry error: zero for equal ones, signless, scale-free, frame-free."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def random_pair(rng, kind):
 
 @few
 @given(seeds, st.sampled_from([ReflectionSymmetry, RotationSymmetry]))
-def test_a_symmetry_has_no_error_against_itself_described_otherwise(seed, kind):
+def test_a_symmetry_has_no_error_against_another_description_of_itself(seed, kind):
     rng = np.random.default_rng(seed)
     points, (truth, _) = rng.normal(size=(50, 3)), random_pair(rng, kind)
     along = (
@@ -83,7 +83,7 @@ def test_symmetries_of_two_kinds_cannot_be_compared():
         )
 
 
-def test_points_on_the_true_plane_forgive_only_a_perfect_prediction():
+def test_points_on_the_true_plane_allow_only_a_perfect_prediction():
     points = np.array([[0.0, 1.0, 0.0]])
     truth = ReflectionSymmetry(np.array([1.0, 0, 0]), np.zeros(3))
     shifted = ReflectionSymmetry(np.array([1.0, 0, 0]), np.array([0.1, 0, 0]))

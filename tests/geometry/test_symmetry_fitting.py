@@ -1,4 +1,4 @@
-"""Symmetries fitted to what one view shows of surfaces whose symmetry is known."""
+"""Symmetries fitted to one view of surfaces whose symmetry is known."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ NOISE = 0.0008
 
 
 def seen_of(points, normals, toward, rng):
-    """The half that faces the viewer at `toward`, with sensor noise."""
+    """The half of a surface that faces the viewer at `toward`, with sensor noise."""
     front = normals @ unit(toward) > 0.15
     noisy = points[front] + rng.normal(0, NOISE, (front.sum(), 3))
     tilted = unit(normals[front] + rng.normal(0, 0.05, (front.sum(), 3)))
@@ -77,7 +77,7 @@ def test_a_sphere_is_found_from_the_side_that_is_seen():
 def test_a_plane_whose_far_side_is_hidden_stays_as_predicted():
     rng = np.random.default_rng(1)
     points, normals = seen_of(*ellipsoid(rng), [1.0, 0, 0], rng)
-    kept = normals[:, 0] > 0.5  # nothing near the rim is seen either
+    kept = normals[:, 0] > 0.5  # the rim is not seen either
     prediction = ReflectionSymmetry(unit([1.0, 0.1, 0]), [0.004, 0, 0])
     fit = fit_reflection(prediction, points[kept], normals[kept])
     assert_allclose(fit.direction, prediction.normal)
@@ -105,7 +105,7 @@ def test_moving_the_surface_moves_the_fit():
     assert_allclose(turned.support, still.support, atol=1e-6)
 
 
-def test_starts_fitted_together_fit_as_each_does_alone():
+def test_starts_fitted_together_give_the_same_fits_as_alone():
     rng = np.random.default_rng(4)
     points, normals = seen_of(*ellipsoid(rng), [0.2, 0.9, 1.0], rng)
     planes = [ReflectionSymmetry(n, rng.normal(0, 0.004, 3)) for n in random_rotation(rng)]

@@ -1,4 +1,4 @@
-"""Parts of symmetry by fitting: thinned surfaces, their rims, free space, duplicates."""
+"""Parts of the symmetry fit: thinned surfaces, their rims, free space, duplicates."""
 
 import numpy as np
 
@@ -23,7 +23,7 @@ def test_thinning_keeps_the_mean_of_each_cube():
     np.testing.assert_allclose(thin.normals, [[0, 0, 1], [1, 0, 0]])
 
 
-def test_the_rim_of_a_square_goes_and_its_middle_stays():
+def test_the_rim_of_a_square_is_removed_and_its_middle_stays():
     inner = square().without_rim().points
     assert inner[:, :2].min() > 0.0075
     assert inner[:, :2].max() < 0.0925
@@ -34,13 +34,13 @@ def test_the_largest_gap_goes_around():
     assert np.isclose(largest_gaps(np.radians([10.0, 100.0, 350.0])), np.radians(250.0))
 
 
-def test_points_before_the_seen_surface_are_in_free_space_and_those_behind_it_not():
+def test_points_in_front_of_the_seen_surface_are_in_free_space_and_points_behind_are_not():
     space = FreeSpace.around(square().points, np.full((64, 64), 0.5), CAMERA)
     error = space.occupancy_error(np.array([[0.05, 0.05, 0.44], [0.05, 0.05, 0.55]]))
     np.testing.assert_array_equal(error, [1.0, 0.0])
 
 
-def test_what_nothing_was_measured_behind_is_no_free_space():
+def test_pixels_without_depth_are_no_free_space():
     space = FreeSpace.around(square().points, np.zeros((64, 64)), CAMERA)
     assert space.occupancy_error(np.array([[0.05, 0.05, 0.44]])) == 0.0
 
@@ -60,7 +60,7 @@ def test_starting_normals_spread_over_the_hemisphere():
     assert nearest.max() < 36.0
 
 
-def test_the_largest_group_of_alike_fits_is_found():
+def test_the_largest_group_of_similar_fits_is_found():
     alike = np.eye(5, dtype=bool)
     for i, j in [(0, 1), (1, 2), (2, 3), (1, 3)]:
         alike[i, j] = alike[j, i] = True

@@ -38,7 +38,7 @@ def test_a_transform_and_its_inverse_cancel(seed):
 
 @few
 @given(seeds)
-def test_cross_products_are_numpys_of_one_vector_and_of_many(seed):
+def test_cross_products_of_one_vector_and_of_many_equal_numpys(seed):
     rng = np.random.default_rng(seed)
     first, second = rng.normal(size=(4, 1, 3)), rng.normal(size=(5, 3))
     assert_allclose(cross(first, second), np.cross(first, second), atol=1e-14)
@@ -98,7 +98,7 @@ def test_the_unit_of_a_zero_vector_is_zero():
 
 
 @pytest.mark.parametrize("shape", [(3,), (0, 3), (7, 3), (2, 5, 3)])
-def test_units_and_bases_of_many_are_those_of_each(shape):
+def test_unit_vectors_and_bases_of_many_equal_those_of_each(shape):
     vectors = np.random.default_rng(0).normal(size=shape).round(1)
     units, bases = unit(vectors), basis_from_direction(vectors)
     assert units.shape == shape

@@ -1,4 +1,4 @@
-"""Views from which a person sees whether symmetries are right."""
+"""Viewpoints that let a person judge symmetries."""
 
 import numpy as np
 import pytest
@@ -69,10 +69,10 @@ def test_parts_that_share_a_plane_are_seen_along_it():
     assert np.allclose(np.abs(rotate_vectors(invert(pose), X)), X, atol=1e-6)
 
 
-def test_a_round_axis_is_looked_along():
+def test_the_view_is_along_a_round_axis():
     assert abs(symmetry_view(box(), [RotationSymmetry(Y, ORIGIN)])[:3, 2] @ Y) > 0.999
 
 
-def test_without_symmetry_the_other_side_is_seen():
+def test_an_object_without_symmetry_is_seen_from_the_other_side():
     first, second = oblique_view(box(), []), symmetry_view(box(), [])
     assert first[:3, 2] @ second[:3, 2] == pytest.approx(-1.0)

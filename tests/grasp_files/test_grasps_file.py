@@ -82,7 +82,7 @@ def test_a_resumed_run_gives_the_bytes_of_an_uninterrupted_one(
 ) -> None:
     whole, resumed = tmp_path / "whole.h5", tmp_path / "resumed.h5"
     grasps_file.write(whole, results, STAMP)
-    time.sleep(1.05)  # a file with dates in it would differ
+    time.sleep(1.05)  # a file that holds dates would differ
     for item in results:
         grasps_file.write(grasps_file.shard_path(resumed, item.name), [item], STAMP)
     paths = [grasps_file.shard_path(resumed, item.name) for item in results]
@@ -101,7 +101,7 @@ def test_shards_are_stamped_and_named_apart(tmp_path: Path) -> None:
         assert (read_stamp(path) or {})["seed"] == 3
 
 
-def test_statuses_messages_and_cameras_come_back(
+def test_statuses_messages_and_cameras_are_read_back(
     tmp_path: Path, results: list[FrameResult]
 ) -> None:
     grasps_file.write(tmp_path / "g.h5", results, STAMP)
@@ -114,7 +114,7 @@ def test_statuses_messages_and_cameras_come_back(
     assert again[0].seconds == 0.25
 
 
-def test_attributes_say_how_the_file_was_made(tmp_path: Path) -> None:
+def test_attributes_record_how_the_file_was_made(tmp_path: Path) -> None:
     grasps_file.write(tmp_path / "g.h5", [], STAMP)
     file = read_whole(tmp_path / "g.h5")
     assert len(file.frames.name) == len(file.regions) == len(file.grasps) == 0
@@ -137,7 +137,9 @@ def test_the_public_columns_have_their_types_and_units(
         assert file["regions/mask_start"].shape == (6,)
 
 
-def test_a_truncated_file_is_one_sentence(tmp_path: Path, results: list[FrameResult]) -> None:
+def test_a_truncated_file_is_reported_in_one_sentence(
+    tmp_path: Path, results: list[FrameResult]
+) -> None:
     path = tmp_path / "g.h5"
     grasps_file.write(path, results, STAMP)
     path.write_bytes(path.read_bytes()[:3000])
@@ -146,7 +148,7 @@ def test_a_truncated_file_is_one_sentence(tmp_path: Path, results: list[FrameRes
 
 
 @pytest.mark.parametrize("damage", ["grasps/width", "grasps", "regions/mask_start"])
-def test_a_file_without_a_column_is_one_sentence(
+def test_a_file_without_a_column_is_reported_in_one_sentence(
     tmp_path: Path, results: list[FrameResult], damage: str
 ) -> None:
     path = tmp_path / "g.h5"
@@ -185,7 +187,7 @@ def test_texts_in_place_of_numbers_are_refused(
 
 
 def written_by_version_1(path: Path, results: list[FrameResult]) -> None:
-    """A file without the columns that version 2 added; `existence` is the confidence in it."""
+    """Write a file without the columns that version 2 added; `existence` holds confidence."""
     stamp = make_stamp("infer", {"method": "network", "selection": {"rank_by": "critic"}})
     grasps_file.write(path, results, stamp)
     with h5py.File(path, "r+") as file:
@@ -210,7 +212,7 @@ def test_a_file_of_version_1_is_read(tmp_path: Path, results: list[FrameResult])
     assert set(read_whole(merged).grasps.ranker) == {"critic"}
 
 
-def test_the_order_of_a_frame_follows_its_scores_and_begins_anew_with_each_frame(
+def test_grasps_of_each_frame_are_ordered_by_their_scores(
     tmp_path: Path, results: list[FrameResult]
 ) -> None:
     grasps_file.write(tmp_path / "g.h5", results, STAMP)
@@ -222,7 +224,9 @@ def test_the_order_of_a_frame_follows_its_scores_and_begins_anew_with_each_frame
         assert sorted(table.rank_in_frame[mine]) == list(range(mine.sum()))
 
 
-def test_a_file_of_version_2_gets_its_order_and_what_is_worth_trying(tmp_path: Path) -> None:
+def test_a_file_of_version_2_gets_its_order_and_the_mark_of_grasps_worth_trying(
+    tmp_path: Path,
+) -> None:
     found = result("a", 2, 6)
     scores = {"rank_score": np.linspace(0.1, 0.9, 6), "rank_in_frame": np.zeros(0)}
     critic = replace(found.grasps, ranker=np.full(6, "critic", object), **scores)
@@ -249,7 +253,7 @@ def test_a_file_of_a_later_version_is_refused(tmp_path: Path) -> None:
         read_whole(path)
 
 
-def test_results_that_make_no_sense_are_refused() -> None:
+def test_inconsistent_results_are_refused() -> None:
     with pytest.raises(ValueRangeError, match="status"):
         FrameResult("a", "fine")
     with pytest.raises(ValueRangeError, match="region"):

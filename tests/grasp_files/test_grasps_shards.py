@@ -1,4 +1,4 @@
-"""Shards are joined as they lie; one that is not as it was written is refused as ever."""
+"""Shards are joined column by column; a changed shard is refused with its reader's error."""
 
 from pathlib import Path
 
@@ -46,13 +46,15 @@ def test_a_shard_gives_the_columns_of_its_frame(tmp_path: Path, frame: FrameResu
     assert shard_sizes(path) == (len(frame.regions), len(frame.grasps), runs)
 
 
-def test_a_sound_shard_needs_no_tables(shard: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_columns_of_a_sound_shard_are_read_without_building_its_frame(
+    shard: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(grasps_stream, "read_shard", None)
     assert_same_tables(shard_tables(shard), tables_of([FRAMES[3]]))
 
 
 @pytest.mark.parametrize("places", [[0], [1, 2], [0, 1, 2, 3], [3, 3, 0, 2]])
-def test_columns_joined_are_those_of_the_frames_together(places: list[int]) -> None:
+def test_joined_columns_equal_those_of_all_frames_together(places: list[int]) -> None:
     frames = [FRAMES[place] for place in places]
     tables = joined_tables([tables_of([frame]) for frame in frames])
     assert_same_tables(tables, tables_of(frames))
@@ -108,7 +110,7 @@ def value(name: str, place: object, content: object) -> object:
         lambda file: file.attrs.pop("format_version"),
     ],
 )
-def test_a_shard_that_disagrees_is_refused_in_the_words_of_its_reader(
+def test_an_inconsistent_shard_is_refused_with_the_error_of_its_reader(
     tmp_path: Path, shard: Path, change
 ) -> None:
     with h5py.File(shard, "r+") as file:
@@ -131,13 +133,13 @@ def test_a_shard_that_disagrees_is_refused_in_the_words_of_its_reader(
         value("frames/size", 0, 0),
     ],
 )
-def test_a_shard_of_other_types_is_taken_as_ever(shard: Path, change) -> None:
+def test_a_shard_of_other_types_is_joined_as_its_reader_reads_it(shard: Path, change) -> None:
     with h5py.File(shard, "r+") as file:
         change(file)
     assert_same_tables(shard_tables(shard), tables_of([read_shard(shard)]))
 
 
-def test_a_damaged_shard_is_a_sentence(tmp_path: Path, shard: Path) -> None:
+def test_a_damaged_shard_is_reported_in_one_sentence(tmp_path: Path, shard: Path) -> None:
     data = shard.read_bytes()
     for damaged in (data[:3000], data[:2000] + b"x" + data[2001:], b""):
         shard.write_bytes(damaged)

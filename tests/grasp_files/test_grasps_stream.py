@@ -1,4 +1,4 @@
-"""grasps.h5 a frame at a time: the same as all of it at once."""
+"""grasps.h5 read one frame at a time: the same as the whole file at once."""
 
 from dataclasses import fields
 from pathlib import Path
@@ -37,7 +37,7 @@ def assert_same(one: FrameResult, other: FrameResult) -> None:
             assert_array_equal(getattr(first, field.name), getattr(second, field.name))
 
 
-def test_frames_read_one_by_one_are_those_that_were_written(path):
+def test_frames_read_one_by_one_equal_the_written_frames(path):
     for order in ([0, 1, 2, 3], [3, 1]):
         for place, found in zip(order, read_results(path, order), strict=True):
             assert_same(found, RESULTS[place])
@@ -54,7 +54,7 @@ def test_frames_read_one_by_one_are_those_that_were_written(path):
         *(([3, 3, 0, 1], kept) for kept in (set(), {0}, {0, 3})),
     ],
 )
-def test_shards_put_together_are_the_file_written_at_once(
+def test_joined_shards_give_the_file_that_is_written_at_once(
     tmp_path, monkeypatch, batch, places, kept
 ):
     monkeypatch.setattr("pipelines.grasp_files.grasps_stream.BATCH", batch)
@@ -99,7 +99,7 @@ def test_the_index_names_frames_and_settings(path):
 
 
 @pytest.mark.parametrize("damage", ["grasps/width", "grasps", "regions/mask_start"])
-def test_a_file_without_a_column_is_one_sentence(path, damage):
+def test_a_file_without_a_column_is_reported_in_one_sentence(path, damage):
     with h5py.File(path, "a") as file:
         del file[damage]
     with pytest.raises(FormatError, match="has no"):
@@ -114,7 +114,7 @@ def test_columns_of_unequal_length_are_refused(path):
         read_index(path)
 
 
-def test_a_frame_whose_rows_make_no_sense_is_named(path):
+def test_a_frame_with_inconsistent_rows_is_named(path):
     with h5py.File(path, "a") as file:
         file["grasps/region"][...] = 99
     with pytest.raises(FormatError, match="frame 3"):
@@ -122,7 +122,7 @@ def test_a_frame_whose_rows_make_no_sense_is_named(path):
 
 
 @pytest.mark.parametrize("block", [b"TREE", b"SNOD", b"HEAP"])
-def test_a_damaged_block_anywhere_is_a_sentence(path, block):
+def test_a_damaged_block_anywhere_is_reported_in_one_sentence(path, block):
     data = path.read_bytes()
     for count in range(1, data.count(block) + 1):
         damaged = data.replace(block, b"XXXX", count)
@@ -136,7 +136,7 @@ def test_a_damaged_block_anywhere_is_a_sentence(path, block):
 
 
 @pytest.mark.parametrize("region", [-1, 2])
-def test_a_grasp_of_no_region_is_a_sentence(path, region):
+def test_a_grasp_of_no_region_is_reported_in_one_sentence(path, region):
     with h5py.File(path, "r+") as file:
         file["grasps/region"][0] = region
     with pytest.raises(FormatError, match="region of a grasp"):

@@ -12,7 +12,7 @@ from symgrasp_cli.app import app
 FRAMES = Path(__file__).resolve().parents[2] / "pipelines" / "weights" / "frames"
 
 
-def test_frames_without_a_grasp_are_told_by_reason_and_only_some_are_named():
+def test_frames_without_a_grasp_are_counted_by_reason_and_only_some_are_named():
     empty = {f"f{i}": "nothing stands out" for i in range(NAMED + 2)} | {"g": "no table"}
     lines = list(GraspsSummary(frames=10, grasps=7, empty=empty, failed=1).lines())
     assert lines == [
@@ -22,7 +22,7 @@ def test_frames_without_a_grasp_are_told_by_reason_and_only_some_are_named():
     ]
 
 
-def test_infer_ends_with_its_grasps_its_empty_frames_and_what_is_next(tmp_path):
+def test_infer_ends_with_counts_of_grasps_empty_frames_and_the_next_command(tmp_path):
     frames, output = tmp_path / "frames", tmp_path / "grasps.h5"
     frames.mkdir()
     for path in FRAMES.glob("table_1*"):
@@ -34,13 +34,13 @@ def test_infer_ends_with_its_grasps_its_empty_frames_and_what_is_next(tmp_path):
     result = CliRunner().invoke(app, [*command, "--regions", "geometric"])
     assert result.exit_code == 0, result.output
     summary = summary_of(output)
-    said = result.stderr.splitlines()
+    lines = result.stderr.splitlines()
     assert summary.frames == 2
     assert list(summary.empty) == ["wall"]
-    assert said[-4:] == [
+    assert lines[-4:] == [
         f"{summary.grasps} grasps on 1 of 2 frames",
         f"no grasp: wall: {summary.empty['wall']}",
         f"output: {output}",
         f"next: symgrasp view {output} --out view",
     ]
-    assert not [line for line in said if line.startswith("wall: ")]
+    assert not [line for line in lines if line.startswith("wall: ")]

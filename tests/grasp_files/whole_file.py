@@ -1,4 +1,4 @@
-"""A `grasps.h5` as its tables, all frames together."""
+"""Reader of a `grasps.h5` as its tables, all frames together."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -8,12 +8,12 @@ from tests.geometry.tabletops import CAMERA, looking_at_table, render
 
 
 def scene_of(depth, pose, camera=CAMERA):
-    """The scene of a depth image of the table, whose frame `pose` moves to the camera's."""
+    """The scene of a depth image of the table; `pose` maps the table frame to the camera's."""
     return SceneCloud(depth, camera, Plane(pose[:3, 2], float(-pose[:3, 2] @ pose[:3, 3])))
 
 
 def seen(shapes, pose=None):
-    """The table's pose, the scene of `shapes` on it, and the region of the first of them."""
+    """The table's pose, the scene of `shapes` on it, and the region of the first shape."""
     pose = looking_at_table() if pose is None else pose
     depth, index = render(shapes, pose)
     scene = scene_of(depth, pose)

@@ -1,4 +1,4 @@
-"""Affordance of surface points from contact pairs, against the slow and obvious way."""
+"""Affordance of surface points from contact pairs, against a plain loop."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -21,7 +21,7 @@ def naive(points, contacts, quality, radius):
 
 @settings(max_examples=25, deadline=None)
 @given(seeds)
-def test_it_is_the_best_quality_within_reach(seed):
+def test_affordance_is_the_best_quality_within_reach(seed):
     rng = np.random.default_rng(seed)
     points, contacts = rng.uniform(size=(40, 3)), rng.uniform(size=(25, 2, 3))
     quality = rng.integers(0, 10, 25) / 10.0

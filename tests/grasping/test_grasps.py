@@ -1,4 +1,4 @@
-"""THE grasp frame."""
+"""Grasp poses: the grasp frame, contacts and GraspNet's rows."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def test_contacts_and_approach_determine_the_grasp(seed):
 
 @few
 @given(seeds)
-def test_an_approach_along_the_contacts_too_is_made_perpendicular(seed):
+def test_an_approach_partly_along_the_contact_line_is_made_perpendicular(seed):
     rng = np.random.default_rng(seed)
     contacts, approach = rng.normal(size=(4, 2, 3)), unit(rng.normal(size=(4, 3)))
     grasps = GraspPoses.from_contacts(contacts, approach)
@@ -39,7 +39,7 @@ def test_an_approach_along_the_contacts_too_is_made_perpendicular(seed):
     assert_allclose(np.linalg.det(grasps.rotation), 1.0)
 
 
-def test_an_approach_along_the_contact_line_becomes_a_perpendicular_one():
+def test_an_approach_along_the_contact_line_is_replaced_by_a_perpendicular_one():
     grasps = GraspPoses.from_contacts([[[0, 0, 0], [0, 0, 0.05]]], [[0, 0, 1.0]])
     assert_allclose(grasps.approach[0] @ grasps.closing[0], 0.0, atol=1e-12)
     assert_allclose(np.linalg.det(grasps.rotation), 1.0)
@@ -75,7 +75,7 @@ def test_a_left_handed_rotation_is_refused():
         GraspPoses(np.diag([1.0, -1.0, 1.0])[None], np.zeros((1, 3)), np.ones(1))
 
 
-def test_concatenation_keeps_order_and_no_grasps_is_no_error():
+def test_concatenation_keeps_order_and_accepts_no_grasps():
     grasps = random_grasps(np.random.default_rng(0))
     both = GraspPoses.concatenate([GraspPoses.empty(), grasps, grasps[:2]])
     assert len(both) == 7

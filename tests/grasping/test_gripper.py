@@ -36,7 +36,7 @@ def test_a_user_gripper_is_read_from_toml(tmp_path):
     assert load_gripper(str(path)) == replace(load_gripper("rg2"), name="mine")
 
 
-def test_the_digest_is_of_the_measures_alone(tmp_path):
+def test_the_digest_covers_only_the_measures(tmp_path):
     content = (GRIPPERS / "rg2.toml").read_text()
     (tmp_path / "same.toml").write_text(content.replace('"rg2"', '"mine"'))
     (tmp_path / "other.toml").write_text(content.replace("0.110", "0.111"))

@@ -1,4 +1,4 @@
-"""Grasps as poses of a gripper's base."""
+"""Grasps as poses of a gripper base."""
 
 import numpy as np
 from hypothesis import given, settings

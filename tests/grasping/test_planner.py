@@ -1,4 +1,4 @@
-"""Grasps of a region: the passes over it, the checks of a grasp, and the order of those left."""
+"""Grasps of a region: passes over the region, checks of a grasp, order of the kept grasps."""
 
 from dataclasses import replace
 
@@ -28,13 +28,13 @@ GRIPPER = load_gripper("rg2")
 
 
 def changed(config=CONFIG, **groups):
-    """`config` with other settings in some of its groups."""
+    """Return `config` with other settings in some of its groups."""
     return replace(
         config, **{name: replace(getattr(config, name), **each) for name, each in groups.items()}
     )
 
 
-NARROW = changed(feasibility={"opening_margins": ()})  # the margin has tests of its own
+NARROW = changed(feasibility={"opening_margins": ()})  # the margin is tested elsewhere
 
 
 def symmetric(region, scene, symmetries, config=CONFIG, critic=None):
@@ -71,7 +71,7 @@ def test_a_symmetric_box_is_held_across_its_planes():
     np.testing.assert_allclose(wider.grasps.width - found.grasps.width, CHECKS.opening_margins[0])
 
 
-def test_without_a_symmetry_the_boundary_serves():
+def test_a_region_without_a_symmetry_gets_planar_grasps():
     _, scene, region = seen([Box((0.06, 0.09, 0.1))])
     found = symmetric(region, scene, believed())
     assert len(found) > 0
@@ -100,7 +100,7 @@ def test_every_common_shape_gets_a_planar_grasp_about_its_middle(name):
     assert points_inside(found.grasps, 0, scene) <= CHECKS.max_points_inside
 
 
-def test_the_planar_width_is_the_objects():
+def test_the_width_of_a_planar_grasp_is_that_of_the_object():
     pose, scene, region = seen([Box((0.06, 0.18, 0.1))])  # 18 cm is too wide for the gripper
     found = planar(region, scene)
     assert abs(found.grasps.width[0] - 0.06) < 0.012
@@ -181,14 +181,14 @@ def test_without_antipodal_points_random_pairs_still_have_a_width_that_fits():
         assert width.max() <= GRIPPER.max_width
 
 
-def test_a_false_symmetry_costs_nothing_but_the_pass():
+def test_a_false_symmetry_loses_no_planar_grasps():
     pose, scene, region = seen([Can(0.035, 0.12)])
     wrong = RotationSymmetry(pose[:3, 0], transform_points(pose, [0, 0, 0.3]))
     assert set(symmetric(region, scene, believed(wrong)).source) == {"planar"}
 
 
 class Expecting:
-    """A critic that expects the more, the nearer a grasp's closing is to `direction`."""
+    """A critic whose score grows as a grasp's closing axis nears `direction`."""
 
     def __init__(self, direction, most=1.0):
         self.direction, self.most = direction, most
@@ -197,7 +197,7 @@ class Expecting:
         return self.most * np.abs(features.found.grasps.closing @ self.direction)
 
 
-def test_the_critic_decides_which_plane_the_best_grasp_is_across():
+def test_the_critic_decides_on_the_plane_of_the_best_grasp():
     pose, scene, region = seen([Box((0.06, 0.09, 0.1))])
     for axis in (0, 1):
         critic = Expecting(pose[:3, axis])
@@ -206,7 +206,7 @@ def test_the_critic_decides_which_plane_the_best_grasp_is_across():
         assert (np.diff(found.rank_score) <= 1e-6).all()
 
 
-def test_planar_grasps_join_where_little_is_expected_of_symmetric_ones():
+def test_planar_grasps_join_where_symmetric_grasps_score_low():
     pose, scene, region = seen([Box((0.06, 0.09, 0.1))])
     planes, config = box_planes(pose, 0.1), changed(ranking={"sufficient": 0.5})
     sure = symmetric(region, scene, planes, config, Expecting(pose[:3, 1]))
@@ -219,7 +219,7 @@ def test_planar_grasps_join_where_little_is_expected_of_symmetric_ones():
     assert not np.triu(near, 1).any()
 
 
-def test_doubtful_planes_are_tried_where_little_is_expected_of_all_other_grasps():
+def test_doubtful_planes_are_tried_where_all_other_grasps_score_low():
     pose, scene, region = seen([Box((0.06, 0.09, 0.1))])
     planes, bounds = box_planes(pose, 0.1), CONFIG.symmetry
     planes.existence[1] = bounds.min_confidence / 2  # across the pose's y
@@ -317,7 +317,7 @@ def test_no_candidates_give_no_grasps():
 
 
 def naive_choice(candidates, region, scene):
-    """The grasps that are free at their pose, pair by pair and angle by angle, on all points."""
+    """The free grasps, checked pair by pair and angle by angle against all points."""
     around = Feasibility.at(region, scene, GRIPPER, CHECKS, RANKING.clearance_cap).around.all
     base = GraspPoses.from_contacts(candidates.contacts, candidates.approach)
     centre = np.median(region.points, axis=0)
@@ -354,9 +354,10 @@ def naive_choice(candidates, region, scene):
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("highest", [0.11, 0.03])
-def test_the_choice_is_that_of_checking_every_grasp_on_every_point(seed, highest):
+def test_the_choice_equals_that_of_checking_every_grasp_against_every_point(seed, highest):
     rng = np.random.default_rng(seed)
-    plate = Box((0.3, 0.1, 0.012), (0, -0.05, 0))  # unlike the table, below the lowest gripper
+    # The plate, unlike the table, is below the lowest gripper.
+    plate = Box((0.3, 0.1, 0.012), (0, -0.05, 0))
     neighbour = Box((0.05, 0.05, 0.06), (0.08, 0.02, 0))
     pose, scene, region = seen([Box((0.06, 0.08, 0.1)), neighbour, plate])
     heights = rng.uniform(0.005, highest, 40)
@@ -393,7 +394,7 @@ def test_every_chosen_grasp_opens_wide_enough_and_keeps_over_the_table_on_its_pa
 
 def test_a_grasp_with_an_obstacle_on_its_approach_path_is_not_chosen():
     at_the_pose_alone = changed(NARROW, feasibility={"approach_distance": 0.0})
-    # Behind the gripper at its final pose, and no farther than it comes from.
+    # Behind the gripper at its final pose, and within the length of its approach path.
     bar = Box((0.16, 0.03, 0.02), (0.0, 0.0, 0.25))
     pose, scene, region = seen([Box((0.06, 0.06, 0.12)), bar])
     straight = across_box(pose, [0.1], angles=STRAIGHT)
@@ -417,7 +418,7 @@ def test_the_grasps_of_a_region_differ_and_are_ranked():
     np.testing.assert_array_equal(alike.grasps.rotation[0], found.grasps.rotation[0])
 
 
-def test_chosen_grasps_keep_to_the_limits():
+def test_chosen_grasps_stay_within_the_limits():
     pose, scene, region = SEEN
     cone = LimitsConfig(approach_cone=20.0)
     limited = replace(scene, limits=Limits.of(cone, None, scene.plane, CAMERA))

@@ -1,4 +1,4 @@
-"""The sample of a stream of grasps: the same however the stream is cut, and even."""
+"""The sample of a stream of grasps: even, and the same for every cut of the stream."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -20,7 +20,7 @@ def rated(contacts, quality):
 
 
 def stream(rng, count=300, places=60):
-    """Grasps at a few places, each several times, as good as chance will have it."""
+    """Grasps at a few places, each several times, of random quality."""
     pairs = rng.uniform(-0.05, 0.05, (places, 2, 3))[rng.integers(places, size=count)]
     return rated(pairs, rng.integers(0, 10, count) / 10.0)
 
@@ -44,7 +44,7 @@ def test_the_sample_does_not_depend_on_how_the_stream_is_cut(seed, limit, cuts):
 
 @few
 @given(seeds)
-def test_of_each_place_the_best_grasp_is_kept(seed):
+def test_the_best_grasp_of_each_place_is_kept(seed):
     grasps = stream(np.random.default_rng(seed))
     kept = sampled(grasps, 1000, cuts=(100, 200)).result()
     places = np.unique(grasps.grasps.contacts.round(9), axis=0)
@@ -57,7 +57,7 @@ def test_of_each_place_the_best_grasp_is_kept(seed):
     assert (np.diff(kept.quality) <= 0).all()
 
 
-def test_of_more_than_the_limit_an_even_sample_is_kept():
+def test_an_even_sample_is_kept_of_grasps_beyond_the_limit():
     # Good grasps are a quarter of the places and nine tenths of the stream.
     rng = np.random.default_rng(0)
     good, poor = rng.uniform(-0.05, 0.05, (5000, 2, 3)), rng.uniform(-0.05, 0.05, (15000, 2, 3))
@@ -105,6 +105,6 @@ def test_the_best_of_places_spreads_the_quality_of_all(seed):
     def spread(some, reach):
         return point_affordance(points, some.grasps.contacts, some.quality, reach)
 
-    # Each contact has one at least as good within `size`.
+    # Each contact has another one at least as good within `size`.
     assert (spread(best, radius) <= spread(grasps, radius)).all()
     assert (spread(best, radius) >= spread(grasps, radius - size)).all()

@@ -1,4 +1,4 @@
-"""The points of a region."""
+"""Region clouds of a scene: points, normals, pixels and the view ray."""
 
 import numpy as np
 import pytest

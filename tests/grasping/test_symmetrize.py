@@ -69,7 +69,7 @@ def mirrored_in(grasps, plane):
 
 
 def images(grasps, symmetry):
-    """Return the copies of `grasps` under `symmetry`, one set of them an isometry."""
+    """Return the copies of `grasps` under `symmetry`, one set for each isometry."""
     return [image(grasps, each) for each in isometries(symmetry, 12)]
 
 
@@ -147,11 +147,11 @@ def test_a_grasp_across_the_plane_is_its_own_mirror_image():
     assert len(symmetrized(grasps, plane)[0]) == 1
 
 
-def test_a_pair_across_the_axis_is_counted_once_a_half_turn():
+def test_a_pair_across_the_axis_is_counted_once_per_half_turn():
     contacts = np.array([[[-0.02, 0.0, 0.0], [0.02, 0.0, 0.0]]])
     grasps = GraspPoses.from_contacts(contacts, np.array([[0.0, 0.0, 1.0]]))
     axis = RotationSymmetry(np.array([0.0, 0.0, 1.0]), np.zeros(3))
-    assert len(symmetrized(grasps, axis)[0]) == 6  # of 12 turns, each meets its opposite
+    assert len(symmetrized(grasps, axis)[0]) == 6  # opposite ones of 12 turns swap fingers
 
 
 def test_the_copies_on_a_ball_reach_all_its_sides():
@@ -178,7 +178,7 @@ def test_no_grasps_have_no_copies():
 
 X, Y, Z = np.eye(3)
 ORIGIN = np.zeros(3)
-# Symmetries as they are listed, and how many transforms they make, the identity left out.
+# Symmetries, and the number of transforms of their group without the identity.
 GROUPS = {
     "nothing": ([], 0),
     "box": ([ReflectionSymmetry(normal, ORIGIN) for normal in (X, Y, Z)], 7),
@@ -227,16 +227,16 @@ def test_a_group_has_every_product_and_no_transform_twice(seed, name):
 
 
 @pytest.mark.parametrize("count", [0, MAX_COPIES + 1, 360])
-def test_more_copies_a_turn_than_groups_may_hold_are_refused(count):
+def test_more_copies_per_turn_than_a_group_may_hold_are_refused(count):
     with pytest.raises(ValueRangeError, match=f"copies per turn is {count}"):
         symmetry_group([RotationSymmetry([0, 0, 1], [0, 0, 0])], count)
 
 
-def test_the_most_copies_a_turn_are_whole_with_planes_along_and_across_the_axis():
+def test_the_largest_group_is_complete_with_planes_along_and_across_the_axis():
     planes = [ReflectionSymmetry(normal, [0, 0, 0]) for normal in ([0, 0, 1], [1, 0, 0])]
     group = symmetry_group([RotationSymmetry([0, 0, 1], [0, 0, 0]), *planes], MAX_COPIES)
     assert len(group) == 4 * MAX_COPIES - 1
-    assert MAX_COPIES == 72  # what the command's option allows
+    assert MAX_COPIES == 72  # the limit of the command's option
 
 
 def nearest_copies(grasps, group):
@@ -291,13 +291,13 @@ def test_measured_symmetries_make_the_group_of_the_true_ones(seed, name):
     assert len(symmetry_group(measured, 36)) == size
 
 
-def test_symmetries_that_contradict_each_other_end():
+def test_the_group_of_contradicting_symmetries_is_finite():
     rng = np.random.default_rng(0)
     wild = [RotationSymmetry(unit(rng.normal(size=3)), ORIGIN) for _ in range(3)]
     assert len(symmetry_group(wild, 36)) == MAX_GROUP
 
 
-def test_of_too_many_copies_each_transform_makes_as_many_and_no_grasp_is_favoured():
+def test_a_limited_number_of_copies_is_shared_evenly_by_transforms_and_grasps():
     rng = np.random.default_rng(0)
     grasps = random_grasps(rng, 2000)
     group = symmetry_group(GROUPS["box"][0], 36)
@@ -311,7 +311,7 @@ def test_of_too_many_copies_each_transform_makes_as_many_and_no_grasp_is_favoure
         for flip in np.unique(sides ^ (grasps.translation[:1] > 0), axis=0)
     ]
     assert_array_equal(per_side, 500)
-    # Of the first half of the grasps about half the copies: four standard deviations.
+    # About half the copies are of the first half of the grasps: four standard deviations.
     assert abs((origin < 1000).mean() - 0.5) < 4 * 0.5 / np.sqrt(3500)
 
 

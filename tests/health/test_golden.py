@@ -1,4 +1,4 @@
-"""Grasps compared with those expected, within the stated tolerances."""
+"""Grasps compared with the expected grasps, within the stated tolerances."""
 
 from dataclasses import replace
 

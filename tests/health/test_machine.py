@@ -1,4 +1,4 @@
-"""Room on this machine, and in a container on it."""
+"""Memory and disk space of this machine, and of a container on it."""
 
 import pytest
 
@@ -7,7 +7,7 @@ from pipelines.health import machine
 from pipelines.health.checks import Status
 
 
-def test_memory_is_what_the_system_and_the_container_leave(tmp_path):
+def test_free_memory_is_limited_by_the_system_and_the_container(tmp_path):
     info, group = tmp_path / "meminfo", tmp_path / "group"
     info.write_text("MemTotal: 9000 kB\nMemAvailable: 4000 kB\n")
     assert machine.free_memory(info, group) == 4000 * 1024
@@ -20,7 +20,7 @@ def test_memory_is_what_the_system_and_the_container_leave(tmp_path):
     assert machine.free_memory(tmp_path / "none", tmp_path / "nothing") is None
 
 
-def test_too_little_room_is_worth_a_warning(tmp_path):
+def test_too_little_space_gives_a_warning(tmp_path):
     assert machine.memory_check(1.0).status is Status.OK
     assert machine.memory_check(1e18).status is Status.WARN
     assert machine.disk_check(tmp_path, 1.0).status is Status.OK
@@ -35,6 +35,6 @@ def test_cores_are_counted(monkeypatch):
 
 
 @pytest.mark.parametrize(("there", "words"), [(True, "by Embree"), (False, "without embreex")])
-def test_the_search_that_casts_rays_is_named(monkeypatch, there, words):
+def test_the_library_that_casts_rays_is_named(monkeypatch, there, words):
     monkeypatch.setattr(ray_search, "has_embree", lambda: there)
     assert words in machine.rays_check().text

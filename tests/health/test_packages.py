@@ -1,4 +1,4 @@
-"""Packages: which the project names, which are there, which load."""
+"""Packages: the names in the project, the installed versions, and their imports."""
 
 import os
 import subprocess
@@ -17,7 +17,7 @@ from pipelines.health.packages import Requirement, extra_checks, package_check
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def test_the_packages_that_pyproject_names_are_looked_at():
+def test_all_packages_that_pyproject_names_are_checked():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     needed = {Requirement.parse(text) for text in project["dependencies"]} - {None}
     assert needed <= set(packages.required())
@@ -39,11 +39,11 @@ def test_the_packages_that_pyproject_names_are_looked_at():
         ('a>=1; python_version > "3" and extra == "ray"', Requirement("a", "1", "ray")),
     ],
 )
-def test_requirements_are_read_as_metadata_writes_them(text, requirement):
+def test_requirements_are_read_in_the_form_of_metadata(text, requirement):
     assert Requirement.parse(text) == requirement
 
 
-def test_a_package_that_is_too_old_or_missing_says_what_to_run():
+def test_a_package_that_is_too_old_or_missing_is_reported_with_the_command_to_run():
     check = package_check(Requirement("numpy", "999.1", ""))
     assert check.status is Status.FAIL
     assert "is older than 999.1; run: pip install 'numpy>=999.1'" in check.text
@@ -66,13 +66,13 @@ def test_a_package_that_does_not_load_fails_with_its_reason(monkeypatch):
     assert "does not load (OSError: libGL.so.1: cannot open shared object file)" in check.text
 
 
-def test_the_modules_of_a_package_are_found_where_they_have_other_names():
+def test_modules_are_found_whose_names_differ_from_their_package():
     assert packages._modules("opencv-python-headless") == ["cv2"]
     assert packages._modules("python-fcl") == ["fcl"]
     assert packages._modules("torch") == ["torch"]
 
 
-def test_extras_are_a_line_each_and_never_a_failure():
+def test_extras_get_one_line_each_and_never_fail():
     needed = [Requirement(name, "1", "ray") for name in ("numpy", "nothing-such")]
     (check,) = extra_checks(needed)
     assert (check.name, check.status) == ("extra ray", Status.OK)
@@ -82,7 +82,7 @@ def test_extras_are_a_line_each_and_never_a_failure():
     assert check.text == f"numpy {metadata.version('numpy')}"
 
 
-def test_embree_is_needed_where_it_has_a_wheel():
+def test_embree_is_required_where_it_has_a_wheel():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     (line,) = [text for text in project["dependencies"] if text.startswith("embreex")]
     marker = requirements.Requirement(line).marker
@@ -91,7 +91,7 @@ def test_embree_is_needed_where_it_has_a_wheel():
         assert marker.evaluate({"platform_machine": machine}) is needed
 
 
-def test_a_project_that_is_not_installed_is_one_sentence(monkeypatch):
+def test_a_project_that_is_not_installed_is_reported_in_one_sentence(monkeypatch):
     monkeypatch.setattr(packages, "PROJECT", "no-such-project")
     assert packages.required() == []
     check = packages.project_check()
@@ -100,8 +100,8 @@ def test_a_project_that_is_not_installed_is_one_sentence(monkeypatch):
     assert str(ROOT) in check.text
 
 
-def test_a_torchvision_of_another_torch_is_one_sentence_what_to_do(tmp_path):
-    # What a torchvision of another build lacks is what its own compiled operators register.
+def test_a_torchvision_of_another_torch_is_reported_with_the_command_to_run(tmp_path):
+    # A torchvision of another build lacks the names that its compiled operators register.
     installed = Path(util.find_spec("torchvision").origin).parent
     (tmp_path / "torchvision").mkdir()
     for path in installed.iterdir():
@@ -113,14 +113,14 @@ def test_a_torchvision_of_another_torch_is_one_sentence_what_to_do(tmp_path):
         "print(check.status, check.text)"
     )
     paths = os.pathsep.join([str(tmp_path), str(ROOT)])
-    said = subprocess.run(
+    done = subprocess.run(
         [sys.executable, "-c", code],
         env=os.environ | {"PYTHONPATH": paths},
         capture_output=True,
         text=True,
         check=True,
     ).stdout
-    assert said.startswith("FAIL ")
-    assert "operator torchvision::nms does not exist" in said
-    assert "built for another torch than" in said
-    assert "pip install --force-reinstall torch torchvision" in said
+    assert done.startswith("FAIL ")
+    assert "operator torchvision::nms does not exist" in done
+    assert "built for another torch than" in done
+    assert "pip install --force-reinstall torch torchvision" in done

@@ -27,7 +27,7 @@ class Detector:
 
 @dataclass(frozen=True)
 class Prediction:
-    """As `RegionPrediction`, and nothing more."""
+    """The fields of `RegionPrediction`."""
 
     index: np.ndarray
     affordance: np.ndarray

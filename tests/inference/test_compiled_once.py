@@ -1,4 +1,4 @@
-"""Compiled loops: each compiled once a frame, out of one file, and where it cannot be kept."""
+"""Compiled loops: one compilation per frame, from one file, also without a cache."""
 
 import ast
 import subprocess
@@ -12,7 +12,7 @@ from pipelines.geometry.numerics.compiled import compiled
 
 PIPELINES = Path(pipelines.__file__).parent
 
-# In a process of its own: other tests may call the same loops with other kinds of arguments.
+# In a separate process: other tests may call the same loops with other argument types.
 GOLDEN_FRAME = """
 import sys
 from numba.core.dispatcher import Dispatcher
@@ -28,7 +28,7 @@ for name, module in sorted(sys.modules.items()):
 """
 
 
-def test_a_loop_that_cannot_be_kept_is_compiled_all_the_same():
+def test_a_loop_that_cannot_be_cached_is_compiled_too():
     namespace = {}
     exec("def total(values):\n    return values.sum()", namespace)  # of no file
     assert compiled(namespace["total"])(np.arange(4.0)) == 6.0
@@ -52,7 +52,7 @@ doubled(1), doubled(1.0)
 """
 
 
-def test_the_first_loop_that_is_compiled_says_so_and_no_other(tmp_path):
+def test_only_the_first_compilation_prints_a_message(tmp_path):
     script = tmp_path / "says.py"
     script.write_text(SAYS, encoding="utf-8")
     made = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True)
@@ -60,7 +60,7 @@ def test_the_first_loop_that_is_compiled_says_so_and_no_other(tmp_path):
     assert "compiled first" in made.stderr
 
 
-def test_a_frame_needs_each_loop_for_one_kind_of_arguments():
+def test_a_frame_calls_each_loop_with_one_set_of_argument_types():
     made = subprocess.run(
         [sys.executable, "-c", GOLDEN_FRAME], capture_output=True, text=True, check=True
     )
@@ -70,13 +70,13 @@ def test_a_frame_needs_each_loop_for_one_kind_of_arguments():
 
 
 def names_of_other_files(tree):
-    """What a module imports from the project."""
+    """Return the names that a module imports from the project."""
     imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
     found = [node for node in imports if (node.module or "").startswith("pipelines")]
     return {name.asname or name.name for node in found for name in node.names}
 
 
-def test_compiled_loops_use_nothing_of_other_files():
+def test_compiled_loops_use_no_names_of_other_files():
     count = 0
     for path in PIPELINES.rglob("*.py"):
         tree = ast.parse(path.read_text(encoding="utf-8"))

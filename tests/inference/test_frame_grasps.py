@@ -70,11 +70,11 @@ def plan(predictor, symmetry_peer=None, **settings):
     return planner.plan(FRAME, np.random.default_rng(0))
 
 
-def test_predicted_symmetries_give_network_grasps_and_are_written_down():
+def test_predicted_symmetries_give_network_grasps_and_are_written():
     result = plan(Oracle())
     assert result.status == "ok"
     assert set(result.grasps.source) == {"network"}
-    # The level plane, which the network did not name, is seen by its half height.
+    # The level plane, which the network does not predict, is found by the half height.
     found = result.regions.symmetry_confidence[0] > 0.5
     assert found.tolist() == [True, True, True, False, False]
     np.testing.assert_allclose(result.regions.existence[0], [1, 1, 0, 0, 0])  # as predicted
@@ -84,7 +84,7 @@ def test_predicted_symmetries_give_network_grasps_and_are_written_down():
     assert result.regions.affordance_max[0] == 1.0
 
 
-def test_the_paper_s_preset_ranks_predicted_contacts_by_eq_8_alone():
+def test_the_papers_preset_ranks_predicted_contacts_by_eq_8_alone():
     config = from_settings(InferConfig, preset_settings("paper", "infer"))
     detector = Detector([Detection(INDEX == 0)])
     planner = Planner(config, load_gripper("rg2"), detector, Oracle())
@@ -108,7 +108,7 @@ def test_the_paper_s_preset_ranks_predicted_contacts_by_eq_8_alone():
 
 
 def thinned(kind):
-    """The frame's depth with holes as registering it to a larger picture leaves them."""
+    """The frame's depth with the holes that registration to a larger picture leaves."""
     depth = FRAME.depth.copy()
     match kind:
         case "rows":
@@ -123,7 +123,7 @@ def thinned(kind):
 
 
 @pytest.mark.parametrize("kind", ["rows", "columns", "both", "random"])
-def test_a_frame_with_a_hole_beside_every_pixel_is_grasped(kind):
+def test_a_frame_with_a_hole_next_to_every_pixel_is_grasped(kind):
     planner = Planner(CONFIG, load_gripper("rg2"), predictor=Oracle(), **CRITICS)
     result = planner.plan(thinned(kind), np.random.default_rng(0))
     assert result.status == "ok", result.message
@@ -134,7 +134,7 @@ def test_a_frame_with_a_hole_beside_every_pixel_is_grasped(kind):
     np.testing.assert_allclose(np.asarray(result.grasps.width[0]), whole, atol=0.012)
 
 
-def test_without_a_network_the_boundary_serves_and_no_affordance_is_claimed():
+def test_without_a_network_grasps_are_planar_and_have_no_affordance():
     result = plan(None)
     assert set(result.grasps.source) == {"planar"}
     assert np.isnan(result.regions.affordance_mean[0])
@@ -142,7 +142,7 @@ def test_without_a_network_the_boundary_serves_and_no_affordance_is_claimed():
     assert set(result.grasps.ranker) == {"eq8"}
 
 
-def test_each_grasp_tells_who_proposed_its_symmetry():
+def test_each_grasp_names_the_source_of_its_symmetry():
     assert set(plan(None).grasps.symmetry_source) == {""}
     for candidates in ("network", "shape"):
         chosen = SelectionConfig(symmetry=SymmetryConfig(candidates=candidates))
@@ -153,13 +153,13 @@ def test_each_grasp_tells_who_proposed_its_symmetry():
         assert set(grasps.symmetry_source[~rests]) <= {""}
 
 
-def test_at_most_so_many_grasps_a_region_are_kept():
+def test_no_more_grasps_per_region_than_configured_are_kept():
     result = plan(Oracle())
     assert len(result.grasps) <= CONFIG.max_grasps_per_region
     assert result.grasps.is_best.sum() == 1
 
 
-def test_low_scores_are_marked_or_left_out_and_the_best_of_them_is_said():
+def test_low_scores_are_marked_or_left_out_and_the_best_of_them_is_reported():
     marked = plan(Oracle(), weak_below=1.0).grasps
     assert marked.worth_trying.tolist() == (marked.rank_score >= 1.0).tolist()
     some = float(marked.rank_score.max()) - 1e-3
@@ -176,19 +176,19 @@ def test_the_overlay_marks_planes_regions_and_gripper():
     assert (with_network != without).mean() > 0.01  # the planes' sheets
 
 
-def test_the_overlay_of_an_empty_frame_is_the_picture_itself():
+def test_the_overlay_of_an_empty_frame_equals_the_colour_image():
     bare = Frame("bare", FRAME.color, np.zeros_like(FRAME.depth), CAMERA)
     result = Planner(CONFIG, load_gripper("rg2")).plan(bare, np.random.default_rng(0))
     assert result.status == "empty"
     np.testing.assert_array_equal(draw_overlay(bare, result), FRAME.color)
 
 
-def test_symmetries_are_not_left_unfitted_in_silence():
+def test_missing_critics_of_symmetries_raise_an_error():
     with pytest.raises(SymgraspError, match="need critics"):
         Planner(CONFIG, load_gripper("rg2"), predictor=Oracle())
 
 
-def test_grasps_are_not_left_without_a_critic_in_silence():
+def test_a_missing_grasp_critic_raises_an_error():
     critics = CRITICS["symmetry_critics"]
     with pytest.raises(SymgraspError, match="need a grasp critic"):
         Planner(CONFIG, load_gripper("rg2"), predictor=Oracle(), symmetry_critics=critics)
@@ -212,7 +212,7 @@ def test_regions_outside_the_workspace_are_left_out():
     np.testing.assert_array_equal(everywhere.grasps.rotation, plan(Oracle()).grasps.rotation)
 
 
-def test_grasps_keep_to_the_workspace_and_the_cone():
+def test_grasps_stay_within_the_workspace_and_the_cone():
     mask = np.zeros(DEPTH.shape, bool)
     _, columns = np.nonzero(INDEX == 0)
     mask[:, : int(np.median(columns))] = True
@@ -224,7 +224,7 @@ def test_grasps_keep_to_the_workspace_and_the_cone():
     assert (steepness > np.cos(np.radians(45.1))).all()
 
 
-def test_no_two_grasps_of_a_region_are_alike():
+def test_no_two_grasps_of_a_region_are_similar():
     found = plan(Oracle()).grasps
     grasps = GraspPoses(
         *(np.asarray(a, np.float64) for a in (found.rotation, found.translation, found.width))
@@ -255,7 +255,7 @@ BARE = replace(FRAME, depth=np.where(INDEX == 0, 0, DEPTH).astype(np.float32))
 
 
 @pytest.mark.parametrize("limits", [{}, {"box": (-9.0, -9.0, -9.0, 9.0, 9.0, 9.0)}])
-def test_instances_that_are_too_small_are_said_to_be(limits):
+def test_instances_that_are_too_small_are_reported_to_be(limits):
     message = of_masks(speck(), **limits)
     assert message == (
         "1 of 1 instances of the masks were dropped as too small; an instance needs 200 pixels"
@@ -263,12 +263,12 @@ def test_instances_that_are_too_small_are_said_to_be(limits):
 
 
 @pytest.mark.parametrize("limits", [{}, {"box": (-9.0, -9.0, -9.0, 9.0, 9.0, 9.0)}])
-def test_instances_without_depth_are_said_to_have_none(limits):
+def test_instances_without_depth_are_reported_to_have_none(limits):
     message = of_masks(INDEX == 0, BARE, **limits)
     assert message == ("too little depth was measured in 1 regions; a region needs 20 points")
 
 
-def test_all_that_keeps_instances_from_grasps_is_said():
+def test_every_reason_for_instances_without_grasps_is_reported():
     masks = np.where(INDEX == 0, 2, 0)
     masks[:5, :6] = 1
     message = of_masks(masks, BARE)
@@ -276,16 +276,16 @@ def test_all_that_keeps_instances_from_grasps_is_said():
     assert "1 of 2 instances of the masks were dropped as too small" in message
 
 
-def test_masks_without_instances_are_said_to_show_none():
+def test_masks_without_instances_are_reported_to_show_none():
     assert "masks contain no instance" in of_masks(np.zeros(DEPTH.shape))
 
 
-def test_regions_that_no_gripper_reaches_are_said_to_be_out_of_reach():
+def test_regions_that_no_gripper_reaches_are_reported_to_be_out_of_reach():
     lone = replace(FRAME, depth=np.where(INDEX == 0, 1.9, 0).astype(np.float32))
     assert "none of 1 regions has a grasp" in of_masks(INDEX == 0, lone)
 
 
-def test_masked_objects_are_grasped_without_any_depth_beside_them():
+def test_masked_objects_are_grasped_without_any_depth_around_them():
     masks = (INDEX + 1).astype(np.int32)
     alone = replace(FRAME, depth=np.where(masks > 0, FRAME.depth, 0.0).astype(np.float32))
     for method in ("planar", "random"):

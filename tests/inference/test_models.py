@@ -1,4 +1,4 @@
-"""Networks, OpenCV and numpy keep to one core while frames are worked on; where networks run."""
+"""Networks, OpenCV and numpy use one core while frames are processed; choice of device."""
 
 from threading import Event, Thread
 
@@ -18,7 +18,7 @@ def threads():
     return torch.get_num_threads(), cv2.getNumThreads(), max(products)
 
 
-def test_everything_uses_one_core_within_and_as_many_as_before_after():
+def test_all_libraries_use_one_core_in_the_context_and_as_many_as_before_afterwards():
     with threadpool_limits(limits=2, user_api="blas"):
         before = threads()
         with one_thread_each():
@@ -30,7 +30,7 @@ def test_everything_uses_one_core_within_and_as_many_as_before_after():
         assert before[2] == 2
 
 
-def test_threads_that_leave_one_core_after_each_other_keep_it_until_the_last_has_left():
+def test_libraries_stay_on_one_core_until_the_last_thread_has_left_the_context():
     before = threads()
     inside, others_left = Event(), Event()
     seen = []
@@ -62,7 +62,7 @@ def test_threads_that_leave_one_core_after_each_other_keep_it_until_the_last_has
     assert after == (3, 2, 2)
 
 
-def test_a_gpu_is_used_if_it_is_named_or_torch_finds_one(monkeypatch, tmp_path):
+def test_a_gpu_is_used_if_it_is_requested_or_found_by_torch(monkeypatch, tmp_path):
     assert uses_gpu("cuda:0")
     assert not uses_gpu("cpu")
     monkeypatch.setattr("sys.platform", "linux")

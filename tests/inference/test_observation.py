@@ -1,4 +1,4 @@
-"""One observation of a frame, whoever plans grasps from it."""
+"""One observation of a frame for all planners of grasps."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -67,7 +67,7 @@ def test_infer_and_the_baselines_see_the_same_regions_and_points_of_sparse_depth
         np.testing.assert_array_equal(own.points, other.points)
         np.testing.assert_array_equal(own.normals, other.normals)
     for region, cloud in zip(seen.regions, seen.clouds, strict=True):
-        assert len(cloud) > 0.5 * region.mask.sum()  # not the few with measured neighbours
+        assert len(cloud) > 0.5 * region.mask.sum()  # not only pixels with neighbours
     np.testing.assert_array_equal(infer.scene.depth, seen.scene.depth)
     np.testing.assert_array_equal(infer.scene.plane.normal, seen.scene.plane.normal)
     assert infer.scene.plane.offset == seen.scene.plane.offset

@@ -1,4 +1,4 @@
-"""Detections that hold several things are taken apart; what is one thing stays whole."""
+"""Detections of several objects are split; detections of one object stay whole."""
 
 import numpy as np
 import pytest
@@ -15,12 +15,12 @@ from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
 from tests.inference.stand_ins import Detection, Detector, Prediction
 
 POSE = looking_at_table()
-# As one region these two would be held at the smaller one alone, which is tall.
+# As one region these two would be held only at the smaller box, which is tall.
 LARGE, SMALL = Box((0.1, 0.1, 0.06)), Box((0.05, 0.06, 0.12), at=(0.1, 0.0, 0.0))
 
 
 class NoSymmetry:
-    """Says of every point that nothing is symmetric."""
+    """Predicts no symmetry at every point."""
 
     def predict(self, clouds, table):
         return [
@@ -36,7 +36,7 @@ class NoSymmetry:
 
 
 class TwoPlanes(NoSymmetry):
-    """Knows the upright planes of the box in the middle."""
+    """Predicts the upright planes of the box in the middle."""
 
     def predict(self, clouds, table):
         planes = [
@@ -56,10 +56,10 @@ class TwoPlanes(NoSymmetry):
 
 
 def planned(boxes, predictor, regions="auto", detection=lambda index: index >= 0, **planning):
-    """The result of a frame whose detector sees one region, and the index of what each pixel is."""
+    """Return the result of a frame with one detection, and the index of each pixel's box."""
     depth, index = render(boxes, POSE)
     frame = Frame("f", np.full((240, 320, 3), 90, np.uint8), depth.astype(np.float32), CAMERA)
-    # Symmetries are not fitted: those of the stand-in count. Two boxes have no common weight.
+    # Symmetries of the stand-in are not fitted. Two boxes have no common weight.
     ranking = RankingConfig(half_torque_arm=1e3)
     selection = SelectionConfig(symmetry=SymmetryConfig(is_fitted=False), ranking=ranking)
     config = InferConfig(regions=regions, selection=selection)
@@ -75,17 +75,17 @@ def planned(boxes, predictor, regions="auto", detection=lambda index: index >= 0
 
 
 def held(result, index):
-    """Of each region, the boxes in whose pixels the middles of its grasps' contacts lie."""
+    """Map each region to the boxes whose pixels contain the midpoints of its grasps."""
     middle = np.asarray(result.grasps.translation, np.float64)
     u, v = np.round(CAMERA.project(middle)).astype(int).T
     regions, boxes = np.asarray(result.grasps.region), index[v, u]
     return {int(region): set(boxes[regions == region].tolist()) for region in np.unique(regions)}
 
 
-def test_two_things_in_a_detection_get_grasps_each():
+def test_two_objects_in_a_detection_get_separate_grasps():
     result, index = planned([LARGE, SMALL], NoSymmetry())
     assert result.regions.source.tolist() == ["detector", "geometric"]
-    assert held(result, index) == {0: {0}, 1: {1}}  # the detection's are on what most of it is
+    assert held(result, index) == {0: {0}, 1: {1}}  # the detection has the larger box
     height, width = index.shape
     piece = result.regions.mask(1, width, height)
     assert (index[piece] == 1).mean() > 0.95
@@ -93,7 +93,7 @@ def test_two_things_in_a_detection_get_grasps_each():
 
 
 def with_strip(share):
-    """Return a detection of the first box that holds a strip of the second, this much of it."""
+    """Return a detection of the first box with a strip of the second, `share` of its pixels."""
 
     def detection(index):
         strip = np.cumsum((index == 1).ravel()).reshape(index.shape)
@@ -102,7 +102,7 @@ def with_strip(share):
     return detection
 
 
-def test_a_strip_of_another_thing_is_left_to_it():
+def test_a_strip_of_another_object_is_cut_off():
     result, index = planned([LARGE, SMALL], NoSymmetry(), detection=with_strip(0.06))
     height, width = index.shape
     own = result.regions.mask(0, width, height)
@@ -117,12 +117,12 @@ def test_a_strip_no_wider_than_the_error_of_a_mask_is_kept():
     assert (result.regions.mask(0, width, height) & (index == 1)).any()
 
 
-def test_one_thing_stays_one_region():
+def test_one_object_stays_one_region():
     result, index = planned([LARGE], NoSymmetry())
     assert held(result, index) == {0: {0}}
 
 
-def test_a_symmetric_grasp_holds_its_region_together():
+def test_a_region_with_a_symmetric_grasp_is_not_split():
     result, _ = planned([LARGE, SMALL], TwoPlanes())
     assert result.grasps.symmetry_slot[0] >= 0
     assert result.regions.source.tolist() == ["detector"]
@@ -133,14 +133,14 @@ def test_the_detector_alone_is_not_corrected_by_depth():
     assert result.regions.source.tolist() == ["detector"]
 
 
-def test_regions_of_the_user_stay_as_they_are():
+def test_regions_of_the_users_masks_are_not_split():
     index = render([LARGE, SMALL], POSE)[1]
     result, _ = planned([LARGE, SMALL], NoSymmetry(), masks=(index >= 0).astype(np.int32))
     assert result.regions.source.tolist() == ["masks"]
 
 
 @pytest.mark.parametrize(("share", "count"), [(0.1, 3), (0.15, 2), (0.4, 0)])
-def test_pieces_are_those_large_enough_the_largest_first(share, count):
+def test_pieces_are_large_enough_and_sorted_largest_first(share, count):
     labels = np.zeros((40, 50), np.int32)
     labels[:, :20], labels[:, 20:45], labels[:, 45:] = 3, 1, 2  # 800, 1000 and 200 pixels
     mask = np.ones(labels.shape, bool)

@@ -20,7 +20,7 @@ def regions(detector, **settings):
     return observe(FRAME, config, np.random.default_rng(0), detector=detector).regions
 
 
-def test_auto_completes_the_detector_with_the_regions_it_left_uncovered():
+def test_auto_adds_regions_that_the_detector_left_uncovered():
     found = regions(Detector([Detection(INDEX == 0)]))
     assert [region.source for region in found] == ["detector", "geometric"]
     assert (found[1].mask & (INDEX == 1)).sum() > 0.8 * (INDEX == 1).sum()
@@ -73,7 +73,7 @@ def test_a_lid_in_the_masks_is_not_taken_for_the_table():
     assert cut.scene.plane is None
 
 
-def test_a_little_table_beside_the_masks_is_enough():
+def test_a_small_part_of_the_table_around_the_masks_is_enough():
     masks = (INDEX + 1).astype(np.int32)
     table = np.zeros(DEPTH.shape, bool)
     table[60:180:2, 40:280:2] = True
@@ -83,7 +83,7 @@ def test_a_little_table_beside_the_masks_is_enough():
     np.testing.assert_allclose(found.scene.plane.offset, whole.scene.plane.offset, atol=0.01)
 
 
-def test_a_detection_keeps_the_table_s_pixels_if_it_is_not_clipped():
+def test_a_detection_keeps_pixels_of_the_table_if_it_is_not_clipped():
     wide = np.zeros(DEPTH.shape, bool)
     rows, columns = np.nonzero(INDEX == 0)
     wide[rows.min() - 8 : rows.max() + 8, columns.min() - 8 : columns.max() + 8] = True
@@ -109,7 +109,7 @@ def test_the_only_detection_in_a_segment_takes_the_rest_of_it():
     assert sum((region.mask & box).any() for region in found) == 1
 
 
-def test_what_several_detections_leave_of_a_segment_is_a_region_where_it_is_wide():
+def test_a_wide_rest_of_a_segment_between_detections_is_a_region():
     depth, index = render([Box((0.3, 0.06, 0.05))])
     columns = np.nonzero(index == 0)[1]
     u = np.arange(320)[None, :]

@@ -1,4 +1,4 @@
-"""Regions by colour: thin things, things without depth, and completed regions."""
+"""Regions by colour: thin objects, objects without depth, and completed regions."""
 
 from dataclasses import replace
 
@@ -39,19 +39,19 @@ def of_color(seen):
     return [region for region in seen.regions if region.source == "color"]
 
 
-def test_a_pen_below_the_noise_of_depth_is_a_region_that_lies_flat():
+def test_a_pen_below_the_noise_of_depth_is_a_flat_region():
     (pen,) = of_color(observed(PEN))
     assert iou(pen.mask, PEN) > 0.6
     assert pen.status == "flat"
 
 
-def test_a_thing_without_depth_is_a_region_that_says_so():
+def test_an_object_without_depth_is_a_region_marked_as_such():
     (glass,) = of_color(observed(PEN, np.where(PEN, 0.0, DEPTH)))
     assert iou(glass.mask, PEN) > 0.6
     assert glass.status == "no_depth"
 
 
-def test_a_region_that_depth_shows_is_measured_and_stays_one():
+def test_a_region_found_in_depth_is_marked_as_measured_and_not_split():
     seen = observed(INDEX == 0)
     assert [(region.source, region.status) for region in seen.regions] == [
         ("geometric", "measured")
@@ -68,7 +68,7 @@ def test_a_box_whose_right_half_has_no_depth_is_completed():
     assert iou(whole.mask, INDEX == 0) > 0.85
 
 
-def test_a_shadow_on_the_measured_table_is_not_part_of_a_tall_thing():
+def test_a_shadow_on_the_measured_table_is_not_part_of_a_tall_object():
     shadow = np.zeros(DEPTH.shape, bool)
     rows, columns = np.nonzero(INDEX == 0)
     shadow[rows.max() - 12 : rows.max(), columns.max() : columns.max() + 40] = True
@@ -90,7 +90,7 @@ def test_colour_is_left_out_where_depth_or_the_detector_alone_is_wanted(regions)
     assert not of_color(observed(PEN, regions=regions))
 
 
-def test_no_grasp_is_sought_where_colour_alone_shows_a_thing():
+def test_no_grasp_is_planned_for_regions_found_by_colour_alone():
     color = np.full((*DEPTH.shape, 3), TABLE, np.uint8)
     color[PEN] = PAINT
     frame = Frame("f", color, (DEPTH + NOISE).astype(np.float32), CAMERA)

@@ -1,4 +1,4 @@
-"""Threads for few frames, processes for many; one sentence where something does not load."""
+"""Threads for few frames, processes for many; one sentence where a network fails to load."""
 
 import dataclasses
 
@@ -22,9 +22,7 @@ def cores(monkeypatch):
 
 @pytest.mark.usefixtures("cores")
 @pytest.mark.parametrize(("frames", "backend", "workers"), [(15, "threading", 4), (16, "loky", 2)])
-def test_many_frames_are_given_two_processes_unless_somebody_says_otherwise(
-    frames, backend, workers
-):
+def test_many_frames_get_two_processes_unless_a_number_is_set(frames, backend, workers):
     found = side_by_side(UNSAID, frames, "cpu")
     assert (found.backend, found.workers) == (backend, workers)
     assert side_by_side(OPTIONS, frames, "cpu").backend == "threading"
@@ -48,7 +46,7 @@ def test_a_gpu_is_used_by_one_process():
     assert side_by_side(UNSAID, 500, "cuda:0").backend == "threading"
 
 
-def test_one_core_takes_one_frame_after_the_other(monkeypatch):
+def test_one_core_processes_one_frame_after_the_other(monkeypatch):
     monkeypatch.setattr(module, "cpu_count", lambda: 1)
     found = side_by_side(UNSAID, 500, "cpu")
     assert (found.backend, found.workers) == ("threading", 1)
@@ -58,7 +56,7 @@ def test_one_core_takes_one_frame_after_the_other(monkeypatch):
     ("backend", "config", "model"),
     [
         ("threading", InferConfig(), "network"),
-        # Processes, which would load torch first, are given a critic, which needs none.
+        # Processes would load torch first, so they are given a critic, which needs no torch.
         ("loky", InferConfig(regions="geometric", method="symmetry-icp"), "grasp_critic"),
     ],
 )

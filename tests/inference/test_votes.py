@@ -1,4 +1,4 @@
-"""The votes of points, put together as one set of symmetry slots."""
+"""The votes of points, combined into one set of symmetry slots."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -41,7 +41,7 @@ def test_moving_the_predictions_moves_the_average(seed):
 
 @given(seeds)
 @settings(max_examples=10, deadline=None)
-def test_the_average_is_the_mean_whatever_the_signs_of_the_normals(seed):
+def test_the_average_does_not_depend_on_the_signs_of_the_normals(seed):
     rng = np.random.default_rng(seed)
     normals, existence, point, direction = noisy_predictions(rng)
     slots = mean_slots(existence, point, direction)

@@ -1,4 +1,4 @@
-"""When a frame is whole, without a clock: times are numbers."""
+"""Detection of whole frames in a watched folder, with numbers in the place of a clock."""
 
 import os
 
@@ -33,7 +33,7 @@ def test_a_frame_is_whole_once_it_has_not_changed_for_a_while(watcher, tmp_path)
     assert names(watcher.look([frame], 11.0)) == ["a"]
 
 
-def test_a_frame_that_grows_is_waited_for(watcher, tmp_path):
+def test_a_growing_frame_is_not_whole_yet(watcher, tmp_path):
     for time in range(10):
         assert watcher.look([source(tmp_path, text="x" * (time + 1))], 0.9 * time) == []
     assert watcher.is_waiting()
@@ -41,7 +41,7 @@ def test_a_frame_that_grows_is_waited_for(watcher, tmp_path):
     assert names(watcher.look([FrameSource("a", lambda: None, (tmp_path / "a",))], 21.0)) == ["a"]
 
 
-def test_a_second_file_makes_it_another_state(watcher, tmp_path):
+def test_a_second_file_counts_as_a_change(watcher, tmp_path):
     color = source(tmp_path)
     watcher.look([color], 0.0)
     both = FrameSource("a", lambda: None, (*color.files, *source(tmp_path, "b").files))
@@ -49,7 +49,7 @@ def test_a_second_file_makes_it_another_state(watcher, tmp_path):
     assert names(watcher.look([both], 2.0)) == ["a"]
 
 
-def test_a_finished_frame_comes_again_only_if_it_changes(watcher, tmp_path):
+def test_a_finished_frame_is_returned_again_only_if_it_changes(watcher, tmp_path):
     frame = source(tmp_path)
     watcher.look([frame], 0.0)
     watcher.finish("a")
@@ -60,7 +60,7 @@ def test_a_finished_frame_comes_again_only_if_it_changes(watcher, tmp_path):
     assert names(watcher.look([frame], 102.0)) == ["a"]
 
 
-def test_a_frame_that_is_put_off_has_one_last_try(watcher, tmp_path):
+def test_a_postponed_frame_gets_one_last_try(watcher, tmp_path):
     frame = source(tmp_path)
     watcher.look([frame], 0.0)
     (first,) = watcher.look([frame], 1.0)
@@ -72,7 +72,7 @@ def test_a_frame_that_is_put_off_has_one_last_try(watcher, tmp_path):
     assert last.since == 0.0
 
 
-def test_a_frame_put_off_is_read_soon_if_it_changes(watcher, tmp_path):
+def test_a_postponed_frame_is_returned_soon_if_it_changes(watcher, tmp_path):
     frame = source(tmp_path)
     watcher.look([frame], 0.0)
     watcher.put_off("a")
@@ -82,7 +82,7 @@ def test_a_frame_put_off_is_read_soon_if_it_changes(watcher, tmp_path):
     assert not arrival.is_last_try
 
 
-def test_the_longest_unchanged_comes_first(watcher, tmp_path):
+def test_the_frame_unchanged_for_longest_comes_first(watcher, tmp_path):
     late, early = source(tmp_path, "a"), source(tmp_path, "z")
     watcher.look([early], 0.0)
     watcher.look([late, early], 0.5)
@@ -90,7 +90,7 @@ def test_the_longest_unchanged_comes_first(watcher, tmp_path):
     assert watcher.last_change() == 0.5
 
 
-def test_a_file_that_goes_away_meanwhile_takes_its_frame_along(watcher, tmp_path):
+def test_a_frame_whose_file_disappears_is_dropped(watcher, tmp_path):
     frame = source(tmp_path)
     watcher.look([frame], 0.0)
     frame.files[0].unlink()
@@ -101,7 +101,7 @@ def test_a_file_that_goes_away_meanwhile_takes_its_frame_along(watcher, tmp_path
 
 
 class Folder:
-    """Counts how often it is listed; times of change are set, as file systems' ticks are coarse."""
+    """A folder that counts its listings and sets times of change, as file clocks are coarse."""
 
     def __init__(self, folder):
         self.folder, self.listings = folder, 0
@@ -122,7 +122,7 @@ class Folder:
         return [source.name for source in self.lister.look(now)]
 
 
-def test_a_folder_is_listed_anew_only_if_it_changes_or_after_a_while(tmp_path):
+def test_a_folder_is_listed_again_only_if_it_changes_or_after_a_while(tmp_path):
     folder = Folder(tmp_path)
     folder.write("a", 100)
     for now in (0.0, 0.5, 1.9):
@@ -136,7 +136,7 @@ def test_a_folder_is_listed_anew_only_if_it_changes_or_after_a_while(tmp_path):
     assert folder.names(4.0) == ["a", "b", "c"]
 
 
-def test_the_folders_below_are_looked_at_too(tmp_path):
+def test_subfolders_are_watched_too(tmp_path):
     folder = Folder(tmp_path)
     folder.write("one/a", 100)
     os.utime(tmp_path, (100, 100))
@@ -147,7 +147,7 @@ def test_the_folders_below_are_looked_at_too(tmp_path):
     assert folder.listings == 3
 
 
-def test_a_change_while_it_is_listed_is_seen_by_the_next_look(tmp_path):
+def test_a_change_during_a_listing_is_seen_by_the_next_one(tmp_path):
     folder = Folder(tmp_path)
     folder.write("a", 100)
     find = folder.find

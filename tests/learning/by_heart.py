@@ -1,4 +1,4 @@
-"""Trainings on a few examples until a network knows them by heart."""
+"""Trainings that overfit a network to a few examples."""
 
 from collections.abc import Callable
 

@@ -1,9 +1,9 @@
 """Tensors with numbers that pretend to lie on a GPU, on machines that have none.
 
-What is moved there stays in this machine's memory and is noted down; what is made of it lies there
-too. Refused is what a GPU would refuse: tensors of both places in one operation, but for single
-numbers and for indices on the CPU into what is on the GPU; arrays of what lies there; and numbers
-drawn there by a generator of the CPU. Of the threads only that which enters the context sees it.
+Tensors moved to it stay in this machine's memory and are recorded; results of operations on them
+are recorded too. As on a GPU, errors are raised by: tensors of both places in one operation, except
+single numbers and indices on the CPU into a tensor on the GPU; arrays of tensors on the GPU; and
+random numbers on the GPU from a CPU generator. Only the thread that enters the context sees it.
 """
 
 from contextlib import contextmanager
@@ -16,17 +16,17 @@ from torch.utils._python_dispatch import TorchDispatchMode
 GPU, CPU = torch.device("cuda", 0), torch.device("cpu")
 MOVES = {"copy_", "_to_copy", "_foreach_copy_"}
 INDEXED = {"index", "index_put", "index_put_", "_index_put_impl_", "_unsafe_index_put"}
-JOINED = {"cat", "stack"}  # that take no single numbers from elsewhere either
+JOINED = {"cat", "stack"}  # these take no single numbers from the other place either
 ARRAYS = {torch.Tensor.numpy, torch.Tensor.__array__}
 DEVICE, IS_CUDA = torch.Tensor.device.__get__, torch.Tensor.is_cuda.__get__
 PLACES = {DEVICE, IS_CUDA}
 MOVED = {torch.Tensor.cuda, torch.Tensor.cpu}
 SEQUENCES = (list, tuple)
-BESIDE = {torch.Tensor.__deepcopy__, torch.Tensor.new_tensor}  # made without an operation on it
+BESIDE = {torch.Tensor.__deepcopy__, torch.Tensor.new_tensor}  # make tensors without operations
 
 
 def tensors_of(*trees):
-    """The tensors in lists, tuples and dictionaries; torch's own walk takes three times as long."""
+    """The tensors in lists, tuples and dictionaries; torch's own search is three times slower."""
     found = []
     for tree in trees:
         if isinstance(tree, torch.Tensor):
@@ -39,7 +39,7 @@ def tensors_of(*trees):
 
 
 class Memory:
-    """What lies on the pretended GPU, by storage; a storage that is noted is kept."""
+    """The tensors on the pretended GPU, by storage; a recorded storage is kept alive."""
 
     def __init__(self):
         self.there = {}
@@ -69,7 +69,7 @@ class Memory:
 
 
 class Operations(TorchDispatchMode):
-    """Refuses operations on tensors of both places, and notes where their results lie."""
+    """Refuses operations on tensors of both places, and records the place of their results."""
 
     def __init__(self, memory):
         super().__init__()
@@ -104,14 +104,14 @@ class Operations(TorchDispatchMode):
 
 
 class Calls(TorchFunctionMode):
-    """Says where tensors lie, and moves them."""
+    """Answers queries for the device of tensors, and moves them."""
 
     def __init__(self, memory):
         super().__init__()
         self.memory = memory
 
     def __torch_function__(self, func, types, args=(), kwargs=None):
-        if func.__name__ == "__get__" and func not in PLACES:  # a shape, a type of numbers
+        if func.__name__ == "__get__" and func not in PLACES:  # a shape or a dtype
             return func(*args)
         kwargs, memory = dict(kwargs or {}), self.memory
         there = any(memory.holds(each) for each in tensors_of(args, kwargs))
@@ -163,11 +163,11 @@ def _check_generator(name, options):
 
 @contextmanager
 def pretended_gpu():
-    """Let there be one GPU for this thread, as long as the context lasts."""
+    """Pretend that there is one GPU for this thread, as long as the context lasts."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(torch.cuda, "is_available", lambda: True)
         patch.setattr(torch.cuda, "device_count", lambda: 1)
-        graphs = "_accelerator_graph_capture_health_check"  # asks the driver
+        graphs = "_accelerator_graph_capture_health_check"  # would ask the driver
         patch.setattr(torch.optim.Optimizer, graphs, lambda _: None)
         # Two threads of an operation wait for each other longer than toy networks take.
         patch.setattr(torch, "set_num_threads", lambda _: None)

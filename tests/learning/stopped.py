@@ -1,4 +1,4 @@
-"""Trainings that stop after some steps, as their time limit would stop them."""
+"""Trainings that stop after some steps, as by their time limit."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,7 +11,7 @@ from pipelines.runtime.stopping import Reason
 
 @contextmanager
 def stopped_after(steps: int) -> Iterator[None]:
-    """Let trainings meanwhile stop when they have made `steps` steps."""
+    """Stop trainings in this context after `steps` steps."""
     why_stop = TrainingRun._why_stop
 
     def stopping(run: TrainingRun) -> Reason:

@@ -1,7 +1,7 @@
-"""Paths of a GPU, tested without one: on the CPU by the same way, and with tensors without numbers.
+"""The code for GPUs, tested without one: on the CPU, and with tensors without numbers.
 
-Such tensors say that they are on a GPU, which need not exist, and refuse to meet one that is not.
-Gradients cannot be asked so, as autograd wants the device itself; on the CPU they can.
+Such tensors claim to be on a GPU that need not exist, and raise an error with a tensor elsewhere.
+Gradients are checked on the CPU instead, as autograd needs the device itself.
 """
 
 from dataclasses import replace
@@ -30,7 +30,7 @@ OPTIONS = [
 
 @pytest.fixture
 def stand_ins(monkeypatch):
-    """Tensors without numbers: the assignment, which looks at numbers it keeps, is a fixed one."""
+    """Tensors without numbers; the assignment, which needs numbers, is replaced by a fixed one."""
 
     def assigned(cost):
         return torch.zeros(cost.shape[:2], dtype=torch.long, device=cost.device)
@@ -45,7 +45,7 @@ def moved(tensor):
 
 
 def on_gpu(config, change=lambda network: network):
-    """A network as `.to(GPU)` leaves it: parameters and buffers are there, nothing else is."""
+    """A network as after `.to(GPU)`: only its parameters and buffers are on the GPU."""
     with _disable_current_modes():
         network = change(SymmetryGraspNet(config))
     for module in network.modules():
@@ -69,11 +69,13 @@ def sample(mode, config):
     [lambda network: network.train(), lambda network: folded(network.eval())],
     ids=["training", "inference"],
 )
-def test_what_the_network_says_is_where_its_points_are(stand_ins, change):
+def test_predictions_of_the_network_are_on_the_device_of_its_points(stand_ins, change):
     network = on_gpu(CONFIG.network, change)
     with torch.set_grad_enabled(network.training):
-        said = network(torch.empty(3, CONFIG.network.num_points, 3, device=GPU))
-    assert {each.device for each in vars(said).values() if isinstance(each, torch.Tensor)} == {GPU}
+        prediction = network(torch.empty(3, CONFIG.network.num_points, 3, device=GPU))
+    assert {
+        each.device for each in vars(prediction).values() if isinstance(each, torch.Tensor)
+    } == {GPU}
 
 
 @pytest.mark.parametrize("options", OPTIONS)
@@ -106,7 +108,7 @@ def step(config):
 
 
 @pytest.mark.parametrize("options", OPTIONS)
-def test_the_way_that_gpus_take_gives_the_same_loss_and_gradients(options, monkeypatch):
+def test_the_code_for_gpus_gives_the_same_loss_and_gradients(options, monkeypatch):
     config = replace(CONFIG, **options)
     terms, gradients = step(config)
     monkeypatch.setattr(devices, "on_cpu", lambda _: False)

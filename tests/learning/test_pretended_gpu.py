@@ -1,4 +1,4 @@
-"""Whole trainings and predictors on a GPU that is only pretended: nothing is left on the CPU."""
+"""Whole trainings and predictors on a pretended GPU: no tensor is left on the CPU."""
 
 from dataclasses import replace
 
@@ -54,14 +54,14 @@ def refused():
     }
 
 
-def test_what_a_gpu_refuses_is_refused():
+def test_operations_that_a_gpu_refuses_raise_an_error():
     with pretended_gpu():
         for name, call in refused().items():
             with pytest.raises((RuntimeError, TypeError)):
                 pytest.fail(f"{name} was taken: {call()}")
 
 
-def test_what_a_gpu_takes_is_taken():
+def test_operations_that_a_gpu_allows_pass():
     with pretended_gpu():
         there = torch.ones(3, device="cuda", requires_grad=True)
         sums = (there + torch.tensor(1.0))[torch.tensor([0, 2])].sum()
@@ -71,7 +71,7 @@ def test_what_a_gpu_takes_is_taken():
 
 
 @pytest.mark.slow
-def test_a_network_is_trained_judged_kept_and_resumed(tmp_path):
+def test_a_network_is_trained_validated_saved_and_resumed(tmp_path):
     packed, path = write_packed(tmp_path, 2, 8), tmp_path / "network.safetensors"
     with pretended_gpu():
         with stopped_after(1):
@@ -91,7 +91,7 @@ def test_a_step_of_the_network_stays_on_the_gpu(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_network_that_runs_away_keeps_its_batch(tmp_path):
+def test_a_network_that_diverges_saves_its_batch(tmp_path):
     packed, path = write_packed(tmp_path, 2, 4), tmp_path / "network.safetensors"
     wild = replace(SMALL, batch_size=2, learning_rate=1e30)
     with pretended_gpu(), pytest.raises(SymgraspError, match="holds the batch"):
@@ -123,7 +123,7 @@ def root(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_a_detector_is_trained_judged_kept_and_resumed(root, tmp_path):
+def test_a_detector_is_trained_validated_saved_and_resumed(root, tmp_path):
     path, config = tmp_path / "detector.safetensors", detector_config("light")
     quiet = BatchOptions(progress=False)
     with pretended_gpu():
@@ -149,7 +149,7 @@ def test_a_step_of_the_detector_stays_on_the_gpu(root, tmp_path, variant):
         assert_gradients_are_there(trainee, np.arange(1))
 
 
-def test_the_predictor_tells_the_same_of_regions_and_of_their_mirror_images():
+def test_the_predictor_gives_the_same_predictions_with_mirror_images():
     rng = np.random.default_rng(0)
     clouds = [rng.normal((0.0, 0.0, 0.6), 0.03, (count, 3)) for count in (400, 2000)]
     with pretended_gpu():
@@ -171,7 +171,7 @@ def test_the_detector_finds_the_same_regions():
     assert [each.confidence for each in there] == pytest.approx([each.confidence for each in here])
 
 
-def test_the_doctors_operators_and_products_are_right():
+def test_the_checks_of_doctor_pass():
     with pretended_gpu():
         assert torch_checks.operator_check("cuda:0").status is Status.OK
         assert torch_checks.product_error("cuda:0") < 1e-5

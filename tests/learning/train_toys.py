@@ -1,4 +1,4 @@
-"""`python -m tests.learning.train_toys PACKED OUTPUT`: a toy training in a process of its own.
+"""`python -m tests.learning.train_toys PACKED OUTPUT`: a toy training in a separate process.
 
 Run by torchrun it trains in several processes; it fails if threads of their group outlive it.
 With `--die-at N` it is killed in step N.
@@ -25,7 +25,7 @@ def main(arguments: list[str]) -> None:
 
 
 def group_threads() -> list[str]:
-    """Return the names of this process's threads that gloo started, where the system tells."""
+    """Return the names of this process's threads that gloo started, where the system lists them."""
     names = [path.read_text().strip() for path in Path("/proc/self/task").glob("*/comm")]
     return [name for name in names if "gloo" in name]
 

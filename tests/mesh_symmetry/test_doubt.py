@@ -1,4 +1,4 @@
-"""Doubt: the nearness of decisions to the other outcome."""
+"""Doubt of an annotation: how near its decisions were to the opposite one."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def tilted(degrees):
     return ReflectionSymmetry([np.cos(turn), np.sin(turn), 0.0], ORIGIN)
 
 
-def test_an_exact_symmetry_is_in_no_doubt(box):
+def test_an_exact_symmetry_has_no_doubt(box):
     planes = [ReflectionSymmetry(normal, ORIGIN) for normal in (X, Y, Z)]
     assert max(box.measure(plane).strain for plane in planes) < 0.2
     assert box.assess([*planes, RotationSymmetry(X, ORIGIN, 2)], []).doubt < 0.3
@@ -54,20 +54,20 @@ def test_an_accepted_plane_at_the_limit_is_as_doubtful_as_a_rejected_one(box):
     assert box.assess([], [tilted(40)]).doubt < 0.4
 
 
-def test_a_candidate_that_says_what_is_known_is_passed_over(box):
+def test_a_candidate_close_to_an_accepted_symmetry_is_passed_over(box):
     plane = ReflectionSymmetry(X, ORIGIN)
     assert box.assess([plane], [tilted(2)]).rejected == ()
     assert len(box.assess([plane], [tilted(30)]).rejected) == 1
 
 
-def test_a_polygon_is_no_near_miss_of_a_round_axis(hexagon):
+def test_a_polygon_causes_no_doubt_about_a_round_axis(hexagon):
     round_axis = RotationSymmetry(Z, ORIGIN)
     measure = hexagon.measure(round_axis)
     assert measure.roundness < 0.5
     assert hexagon.assess([RotationSymmetry(Z, ORIGIN, 6)], [round_axis]).doubt < 0.5
 
 
-def test_planes_through_a_round_axis_are_known():
+def test_planes_through_a_round_axis_are_passed_over():
     can = gauge_of(trimesh.creation.cylinder(0.03, 0.1, sections=64))
     axis, plane = RotationSymmetry(Z, ORIGIN), ReflectionSymmetry(Z, ORIGIN)
     assessment = can.assess([plane, axis], [ReflectionSymmetry(X, ORIGIN)])

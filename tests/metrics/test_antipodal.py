@@ -24,14 +24,14 @@ CENTRED = GraspPoses(np.eye(3), np.zeros(3), np.array(0.04))
 ALONE = np.zeros((0, 3))  # points of other objects
 
 
-def test_a_centred_grasp_of_a_box_scores_one_in_both():
+def test_a_centred_grasp_of_a_box_scores_one_by_both_scores():
     mesh = box(0.2, 0.04, 0.2)
     points, normals = surface(mesh)
     assert contact_pair_score(close_fingers(mesh, CENTRED, 0.06)) == pytest.approx(1.0)
     assert closing_region_score(points, normals, CENTRED, gripper(), ALONE) == pytest.approx(1.0)
 
 
-def test_a_tilted_grasp_scores_the_squared_cosine_in_both():
+def test_a_tilted_grasp_scores_the_squared_cosine_by_both_scores():
     angle = 0.4
     turn = np.array(
         [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]

@@ -50,7 +50,7 @@ def test_average_precision_without_predictions_is_zero():
     assert average_precision([], [], 4) == 0.0
 
 
-def test_equal_confidences_are_one_point():
+def test_equal_confidences_give_one_point_of_the_curve():
     # Three of one confidence, two right: precision 2/3 up to recall 1/2, whichever comes first.
     for correct in ([True, True, False], [False, True, True]):
         assert average_precision([0.5] * 3, correct, 4) == pytest.approx(1 / 3)
@@ -59,7 +59,7 @@ def test_equal_confidences_are_one_point():
 
 @given(seeds)
 @few
-def test_average_precision_is_that_of_any_order(seed):
+def test_average_precision_does_not_depend_on_the_order(seed):
     rng = np.random.default_rng(seed)
     confidence, correct = rng.integers(0, 6, 30) / 6, rng.random(30) < 0.5
     value = average_precision(confidence, correct, 40)
@@ -106,7 +106,7 @@ def test_a_wrong_prediction_at_the_end_changes_nothing(seed):
 
 @given(seeds)
 @few
-def test_the_mean_of_interpolated_precision_nears_the_area(seed):
+def test_the_mean_of_interpolated_precision_approaches_the_area(seed):
     rng = np.random.default_rng(seed)
     confidence, correct = rng.random(30), rng.random(30) < 0.5
     recalls = (np.arange(20000) + 0.5) / 20000

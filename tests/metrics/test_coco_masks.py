@@ -1,4 +1,4 @@
-"""Mask AP image by image: pycocotools' own figure of all images at once."""
+"""Mask AP computed image by image, against pycocotools on all images at once."""
 
 import contextlib
 import io
@@ -30,7 +30,7 @@ def random_frames(rng: np.random.Generator):
 
 
 def coco_summary(frames) -> list[float]:
-    """AP, AP50 and AP75 as pycocotools gives them for a dataset in memory."""
+    """AP, AP50 and AP75 of pycocotools for a dataset in memory."""
     from pycocotools import mask as rle
     from pycocotools.coco import COCO
     from pycocotools.cocoeval import COCOeval
@@ -68,25 +68,25 @@ def streamed(frames) -> np.ndarray:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_frames_one_by_one_give_what_pycocotools_gives_for_all(seed):
+def test_frames_one_by_one_give_the_figures_of_pycocotools_for_all(seed):
     frames = random_frames(np.random.default_rng(seed))
     found = streamed(frames)
     expected = coco_summary(frames)
     assert [found.mean(), found[0], found[5]] == pytest.approx(expected, abs=1e-9)
 
 
-def test_the_true_masks_are_all_right_at_every_threshold():
+def test_true_masks_as_predictions_are_right_at_every_threshold():
     masks = [disc((20, 20), 8), disc((50, 30), 10)]
     assert match_masks(masks, [0.2, 0.9], masks).all()
     assert coco_average_precision([0.2, 0.9], np.ones((10, 2)), 2) == pytest.approx(np.ones(10))
 
 
-def test_the_more_confident_of_two_takes_the_truth():
+def test_the_more_confident_of_two_predictions_takes_the_truth():
     mask = disc((20, 20), 8)
     assert match_masks([mask, mask], [0.4, 0.6], [mask])[0].tolist() == [False, True]
 
 
-def test_no_masks_are_never_right_and_no_truth_leaves_it_open():
+def test_ap_is_zero_without_predictions_and_undefined_without_truth():
     mask = disc((20, 20), 8)
     assert match_masks([], [], [mask]).shape == (len(IOU_THRESHOLDS), 0)
     assert not match_masks([mask], [0.5], []).any()

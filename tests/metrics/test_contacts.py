@@ -41,7 +41,7 @@ def test_a_finger_that_starts_inside_has_no_contact():
     assert np.isnan(contacts.points).all()
 
 
-def test_a_grasp_beside_the_object_has_no_contact():
+def test_a_grasp_next_to_the_object_has_no_contact():
     beside = GraspPoses(np.eye(3), np.array([0.2, 0.0, 0.0]), np.array(0.05))
     assert close_fingers(box(0.06, 0.04, 0.1), beside, 0.1).found.tolist() == [False]
 

@@ -81,7 +81,7 @@ def test_contacts_that_face_the_same_way_are_never_in_force_closure():
     assert friction_sweep(contacts).tolist() == [np.inf]
 
 
-def test_the_grid_value_itself_is_enough():
+def test_a_friction_equal_to_the_grid_value_is_enough():
     assert on_grid([0.0, 0.1, 0.10001, 1.0, 1.01, np.inf]).tolist() == [
         0.1, 0.1, 0.2, 1.0, np.inf, np.inf,
     ]  # fmt: skip

@@ -43,7 +43,7 @@ def test_a_good_grasp_holds_with_quality_one():
     verdict = grasp_verdict(scene(FREE), 0, AT_BOX, gripper())
     assert verdict.reason == "held"
     assert (verdict.quality, verdict.antipodal) == pytest.approx((1.0, 1.0))
-    assert 0.5 < verdict.antipodal_region < 1.0  # the box's top lies between the fingers too
+    assert 0.5 < verdict.antipodal_region < 1.0  # the box's top is between the fingers too
 
 
 def test_a_neighbour_in_a_fingers_way_is_a_collision():
@@ -67,8 +67,8 @@ def test_a_wall_in_a_fingers_way_is_a_collision_wherever_the_camera_is():
         assert grasp_verdict(away, 0, grasp, gripper()).reason == "held"
 
 
-def test_a_grasp_that_the_hand_cannot_open_for_is_too_wide():
-    wide = GraspPoses(DOWN, np.array([0.0, 0.0, 0.08]), np.array(0.11))  # and 1 cm on each side
+def test_a_grasp_beyond_the_opening_of_the_hand_is_too_wide():
+    wide = GraspPoses(DOWN, np.array([0.0, 0.0, 0.08]), np.array(0.11))  # and a clearance of 1 cm
     verdict = grasp_verdict(scene(FREE), 0, wide, gripper())
     assert (verdict.reason, verdict.quality) == ("too wide", 0.0)
 
@@ -79,7 +79,7 @@ def test_a_grasp_of_air_has_no_contact():
     assert (verdict.reason, verdict.quality, verdict.min_friction) == ("no contact", 0.0, np.inf)
 
 
-def test_many_grasps_have_the_qualities_that_each_has_alone():
+def test_grasps_judged_together_have_the_same_qualities_as_alone():
     among = scene(
         (0.0, 0.06, 0.08), make_pose(random_rotation(np.random.default_rng(3)), np.ones(3))
     )

@@ -1,4 +1,4 @@
-"""Mask overlaps, and whose region it is."""
+"""Mask overlaps, and the object that a mask belongs to."""
 
 import numpy as np
 import pytest

@@ -22,7 +22,7 @@ def hits(mesh, grasp: GraspPoses) -> bool:
     return bool(MeshCollider(mesh).hits(grasp, gripper())[0])
 
 
-def test_open_fingers_pass_beside_the_box_between_them():
+def test_open_fingers_do_not_touch_the_box_between_them():
     assert not hits(box(0.06, 0.04, 0.1), grasp_at(0, 0, 0))
 
 
@@ -33,7 +33,7 @@ def test_a_finger_hits_the_box_once_its_clearance_is_used_up(shift, expected):
 
 @pytest.mark.parametrize(("depth", "expected"), [(0.0249, False), (0.0251, True)])
 def test_the_palm_hits_the_box_once_the_fingers_are_too_deep(depth, expected):
-    # The palm's front lies 45 mm behind the contacts, the box reaches 20 mm towards it.
+    # The palm's front is 45 mm behind the contacts, the box reaches 20 mm towards it.
     assert hits(box(0.04, 0.04, 0.1), grasp_at(depth, 0, 0)) is expected
 
 
@@ -70,13 +70,13 @@ def test_collisions_do_not_depend_on_the_frame(seed):
 
 
 @pytest.mark.parametrize(("height", "expected"), [(0.0051, False), (0.0049, True)])
-def test_finger_tips_reach_the_table_by_their_reach(height, expected):
+def test_finger_tips_meet_the_table_within_their_reach(height, expected):
     down = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # approach along -z
     grasp = GraspPoses(down, np.array([0.3, 0.2, height]), np.array(0.04))
     assert hits_table(grasp, gripper(), np.eye(4)).tolist() == [expected]
 
 
-def test_the_table_is_where_its_transform_says():
+def test_the_table_is_at_the_place_of_its_transform():
     grasp = grasp_at(0, 0, 0.5)
     lowered = make_pose(np.eye(3), np.array([0, 0, -1.0]))
     assert hits_table(grasp, gripper(), np.eye(4)).tolist() == [False]

@@ -1,4 +1,4 @@
-"""Collision by FCL against every triangle tested with every box by separating axes."""
+"""Collision by FCL, against separating axes of every triangle and every box."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from tests.metrics.shapes import box, gripper, random_grasps
 
 seeds = st.integers(0, 2**32 - 1)
 few = settings(max_examples=6, deadline=None)
-ROUNDING = 1e-9  # metres; who is nearer than that may touch or not
+ROUNDING = 1e-9  # metres; bodies nearer than that may touch or not
 
 
 def made(shape: trimesh.Trimesh) -> Mesh:
@@ -30,9 +30,9 @@ MESHES = {
 
 
 def gap_to_box(triangles: np.ndarray, half: np.ndarray) -> float:
-    """How far triangles (f, 3, 3) are from a box about the origin along the best of 13 axes.
+    """Return the gap of triangles (f, 3, 3) to a box at the origin along the best of 13 axes.
 
-    Positive: every triangle is apart; negative: one is not, by so much at least.
+    Positive: every triangle is apart; negative: one triangle overlaps by at least that much.
     """
     edges = np.roll(triangles, -1, axis=1) - triangles
     normal = np.cross(edges[:, 0], edges[:, 1])[:, None]
@@ -48,7 +48,7 @@ def gap_to_box(triangles: np.ndarray, half: np.ndarray) -> float:
 
 
 def encloses(mesh: Mesh, point: np.ndarray) -> bool:
-    """Whether the solid angles of all triangles around `point` make a full turn."""
+    """Return whether the solid angles of all triangles around `point` add up to a full sphere."""
     a, b, c = (mesh.triangles - point).swapaxes(0, 1)
     la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
     volume = np.einsum("ni,ni->n", a, np.cross(b, c))
@@ -58,7 +58,7 @@ def encloses(mesh: Mesh, point: np.ndarray) -> bool:
 
 
 def naive_hit(mesh: Mesh, grasp: GraspPoses) -> bool | None:
-    """Whether the gripper touches or is in the mesh; None where rounding decides."""
+    """Return whether the gripper touches or is in the mesh; None where rounding decides."""
     verdicts = []
     for low, high in gripper().boxes(grasp.width)[0]:
         middle, half = (low + high) / 2.0, (high - low) / 2.0
@@ -84,7 +84,7 @@ def test_fcl_and_separating_axes_agree(shape, seed):
         assert expected is None or hit == expected
 
 
-def test_both_outcomes_and_enclosed_grippers_are_among_the_random_ones():
+def test_random_grasps_include_both_outcomes_and_enclosed_grippers():
     grasps = random_grasps(np.random.default_rng(0), 200, spread=0.08)
     for mesh in MESHES.values():
         assert 0.1 < MeshCollider(mesh).hits(grasps, gripper()).mean() < 0.95
@@ -95,7 +95,7 @@ def test_both_outcomes_and_enclosed_grippers_are_among_the_random_ones():
 
 @given(seeds)
 @few
-def test_the_table_is_met_by_the_lowest_of_dense_samples(seed):
+def test_the_lowest_of_dense_samples_decides_on_collision_with_the_table(seed):
     rng = np.random.default_rng(seed)
     grasps = random_grasps(rng, 40, spread=0.08)
     T_table_grasps = make_pose(random_rotation(rng), rng.uniform(-0.05, 0.05, 3))

@@ -1,4 +1,4 @@
-"""Weights instead of copies: figures of drawn frames, and the interval of a difference."""
+"""Paired bootstrap: figures of drawn frames by weights, and intervals of differences."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def copies(weights, confidence, correct, frame, num_truth):
 @pytest.mark.parametrize("decimals", [9, 1, 0])
 @given(seed=seeds)
 @few
-def test_weights_count_as_copies_of_frames(seed, decimals):
+def test_weights_equal_copies_of_frames(seed, decimals):
     rng = np.random.default_rng(seed)
     confidence, correct, frame = predictions(rng)
     confidence = confidence.round(decimals)
@@ -43,7 +43,7 @@ def test_weights_count_as_copies_of_frames(seed, decimals):
 
 @given(seeds)
 @few
-def test_the_mean_over_objects_is_that_of_copies(seed):
+def test_the_mean_over_objects_equals_that_of_copies(seed):
     rng = np.random.default_rng(seed)
     values, frame = rng.random(20), rng.integers(0, 5, 20)
     sums = np.bincount(frame, values, minlength=5)
@@ -60,7 +60,7 @@ def test_a_draw_holds_as_many_frames_as_there_are():
     assert (np.concatenate(blocks).sum(axis=1) == 7).all()
 
 
-def test_what_all_runs_share_cancels():
+def test_difficulty_that_all_runs_share_cancels():
     rng = np.random.default_rng(0)
     hard, ones = rng.random(200), np.ones(200)
     first, second = FrameMeans(hard, ones), FrameMeans(hard + 0.01, ones)
@@ -71,7 +71,7 @@ def test_what_all_runs_share_cancels():
     assert difference.is_certain
 
 
-def test_the_interval_is_as_wide_as_theory_says():
+def test_the_interval_has_the_width_of_theory():
     rng = np.random.default_rng(1)
     noise, ones = rng.normal(0.0, 0.2, 400), np.ones(400)
     zero = FrameMeans(np.zeros(400), ones)
@@ -92,7 +92,7 @@ def test_chance_is_rarely_taken_for_a_difference():
 
 
 @pytest.mark.parametrize("units", [2, 3, 4, 6, 8, 12, 20])
-def test_few_units_are_not_taken_for_many(units):
+def test_few_units_seldom_give_a_false_difference(units):
     rng = np.random.default_rng(5)
     zero, ones, group = np.zeros(units), np.ones(units), np.arange(units)
     pairs = [[FrameMeans(zero, ones), FrameMeans(rng.normal(size=units), ones)] for _ in range(400)]
@@ -111,7 +111,7 @@ def test_one_unit_has_no_interval():
     assert not difference.is_certain
 
 
-def test_scenes_drawn_whole_are_less_certain_where_their_frames_are_alike():
+def test_drawing_whole_scenes_of_similar_frames_widens_the_interval():
     rng = np.random.default_rng(4)
     scene, ones = np.repeat(np.arange(20), 10), np.ones(200)
     alike = FrameMeans(rng.normal(0.0, 0.2, 20)[scene], ones)
@@ -141,7 +141,7 @@ def test_a_run_differs_from_itself_by_nothing():
     assert not difference.is_certain
 
 
-def test_what_has_no_truth_is_nan():
+def test_figures_without_truth_are_nan():
     none = FramePrecision.ranked(np.zeros(0), np.zeros(0, bool), np.zeros(0, int), np.zeros(3))
     values, (difference,) = differences([none, none], np.arange(3), 20, 0.95, seed=0)
     assert np.isnan(values).all()

@@ -1,9 +1,9 @@
-"""Why our exact verdicts differ from a peer's 6,000: each row's cause is shown, and counted.
+"""Causes of the differences of our exact verdicts from a peer's 6,000, shown and counted.
 
-Three causes. The peer misses a contact where distances are exactly linear along the finger's way.
-It fits its normals to 27 probes around the contact, those near the surface: the probes are a fixed
-lattice, so even on an endless plane the fit turns towards the lattice's axes unless the plane lies
-along them. And where an edge is within reach of the probes, the fit takes in the faces beyond.
+There are three. The peer misses a contact where distances are exactly linear along the finger's
+way. It fits normals to those of 27 probes around the contact that are near the surface. The probes
+are a fixed lattice, so even on an endless plane the fit turns towards the lattice's axes unless the
+plane is parallel to them. At edges within reach of the probes, the fit includes the faces beyond.
 """
 
 from pathlib import Path
@@ -28,7 +28,7 @@ from tests.geometry.meshes.closest import closest_points
 Array = NDArray[np.float64]
 
 PEER_GRID = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2)
-LINEAR = 2e-9  # metres that three distances a half-cell apart are off a line: rounding
+LINEAR = 2e-9  # metres; rounding error of three distances, half a cell apart, from a line
 # Rows of 1,000 whose verdicts differ: contacts missed; normals of an endless plane, fitted to the
 # probes; edges within half a cell of a contact; edges farther off, within reach of the probes.
 DIFFERENCES = {
@@ -39,8 +39,8 @@ DIFFERENCES = {
     ("sphere", "antipodal"): (1, 372, 23, 1),
     ("sphere", "label"): (0, 77, 16, 1),
 }
-# Of the edges: true distances of the mesh, at the probes, give the peer's verdict too. Elsewhere
-# it takes the grid, which rounds edges within a cell of it.
+# Rows at edges whose peer verdict also follows from true distances of the mesh at the probes. The
+# other rows need the grid, which rounds edges within a cell.
 SHOWN_BY_THE_MESH = {
     ("box", "antipodal"): 25,
     ("box", "label"): 4,
@@ -100,7 +100,7 @@ def test_the_probes_are_degrees_off_on_most_endless_planes():
 def fitted(distance: Array, way: Array) -> Array:
     """Return the unit normal, against `way` (3,), of the probes near the surface.
 
-    `distance`: (27,) of each probe, spacings.
+    `distance`: (27,) of each probe to the surface, in spacings.
     """
     arm = PROBES[np.abs(distance) < NEAR]
     arm = arm - arm.mean(axis=0)
@@ -109,13 +109,13 @@ def fitted(distance: Array, way: Array) -> Array:
 
 
 def fitted_on_planes(contacts: Contacts, row: int) -> Array:
-    """Return (2, 3) what the peer would fit if each contact's triangle went on for ever."""
+    """Return (2, 3) the normals that the peer would fit if each contact's triangle were endless."""
     found = zip(contacts.normals[row], ways(contacts, row), strict=True)
     return np.stack([fitted(PROBES @ normal, way) for normal, way in found])
 
 
 def fitted_on_mesh(mesh: Mesh, contacts: Contacts, row: int, grid: SignedDistanceGrid) -> Array:
-    """Return (2, 3) what the peer would fit to the mesh's true distances."""
+    """Return (2, 3) the normals that the peer would fit to the mesh's true distances."""
     normals = []
     for point, way in zip(contacts.points[row], ways(contacts, row), strict=True):
         probes = point + PROBES * grid.spacing
@@ -134,7 +134,7 @@ def true_distances(mesh: Mesh, points: Array) -> Array:
 
 
 def ways(contacts: Contacts, row: int) -> Array:
-    """Return (2, 3) unit, which way each finger closes."""
+    """Return (2, 3) the unit direction in which each finger closes."""
     line = contacts.points[row, 1] - contacts.points[row, 0]
     return np.stack([line, -line]) / np.linalg.norm(line)
 
@@ -146,7 +146,7 @@ def verdict_of(contacts: Contacts, row: int, normals: Array) -> float:
 
 
 def least_bend(grid: SignedDistanceGrid, grasp: GraspPoses) -> float:
-    """Return how little the distance bends, metres, where a finger of one grasp comes in."""
+    """Return the least bend of the distance, metres, along the ways of one grasp's fingers."""
     count = max(3, int(grasp.width[0] / grid.spacing))
     steps = np.linspace(0.5 * grasp.width, 0.0, count)  # (m, 1) metres from the middle
     bends = []

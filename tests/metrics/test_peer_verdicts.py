@@ -20,7 +20,7 @@ from pipelines.storage.files import read_npy, read_npz
 
 PEER_GRID = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2)
 BOX_HALF_SIDES = np.array([0.03, 0.02, 0.05])
-BOX_CELL = 0.1 / 90.0  # metres, of the peer's grid
+BOX_CELL = 0.1 / 90.0  # metres, a cell of the peer's grid
 PROBE_REACH = 1.5 * BOX_CELL
 
 
@@ -40,7 +40,7 @@ def test_every_contact_of_the_peer_is_found_within_half_a_millimetre(shared, sha
 
 
 @pytest.mark.parametrize("kind", ["antipodal", "label"])
-def test_the_friction_on_flat_faces_is_the_peers(shared, kind):
+def test_the_friction_on_flat_faces_equals_the_peers(shared, kind):
     _, contacts = our_contacts(shared / "oracle", "box", kind)
     peer = read_npz(shared / "oracle" / f"box_{kind}.eval.npz")
     inset = np.sort(BOX_HALF_SIDES - np.abs(contacts.points), axis=-1)[..., 1]  # from an edge
@@ -52,7 +52,7 @@ def test_the_friction_on_flat_faces_is_the_peers(shared, kind):
 
 
 @pytest.mark.parametrize("kind", ["antipodal", "label"])
-def test_normals_on_the_ball_are_nearer_to_the_truth_than_the_peers(shared, kind):
+def test_our_normals_on_the_ball_are_nearer_to_the_truth_than_the_peers(shared, kind):
     _, contacts = our_contacts(shared / "oracle", "sphere", kind)
     peer = read_npz(shared / "oracle" / f"sphere_{kind}.eval.npz")
     found = peer["found"]

@@ -1,4 +1,4 @@
-"""Wilson's interval against published values and its own laws."""
+"""Wilson's interval against published values and known laws."""
 
 import pytest
 from hypothesis import given
@@ -22,7 +22,7 @@ def interval(trials, held):
         (10, 10, 0.7225, 1.0000),
     ],
 )
-def test_the_interval_is_wilsons(held, trials, low, high):
+def test_the_interval_equals_published_values_of_wilsons(held, trials, low, high):
     assert interval(trials, held) == pytest.approx((low, high), abs=5e-5)
 
 
@@ -30,7 +30,7 @@ counts = st.integers(1, 500).flatmap(lambda n: st.tuples(st.just(n), st.integers
 
 
 @given(counts)
-def test_the_interval_holds_the_rate_and_stays_within_0_to_1(count):
+def test_the_interval_contains_the_rate_and_stays_within_0_to_1(count):
     low, high = interval(*count)
     assert 0.0 <= low <= success_rate(*count)["rate"] <= high <= 1.0
     assert low < high
@@ -51,6 +51,6 @@ def test_more_trials_of_the_same_rate_narrow_the_interval(count):
     assert higher - lower < high - low
 
 
-def test_no_trials_make_no_rate():
+def test_no_trials_give_no_rate():
     assert success_rate(0, 0)["rate"] is None
     assert interval(0, 0) == (None, None)

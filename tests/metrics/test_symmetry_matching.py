@@ -1,4 +1,4 @@
-"""Which predicted symmetries are right, wrong, or not asked for."""
+"""Verdicts on predicted symmetries: right, wrong, or ignored."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def judged(predicted, regions, threshold=0.25, index=0):
     return symmetry_verdicts(predictions, regions, threshold).tolist()
 
 
-def test_the_truth_predicted_has_average_precision_one():
+def test_the_truth_as_prediction_has_average_precision_one():
     truths = [
         region(ReflectionSymmetry(X, ORIGIN), ReflectionSymmetry(Y, ORIGIN)),
         region(RotationSymmetry(Z, ORIGIN), ReflectionSymmetry(Z, ORIGIN)),
@@ -73,7 +73,7 @@ def test_a_plane_through_a_continuous_axis_is_ignored():
     assert judged([ReflectionSymmetry(Z, ORIGIN)], [region(axis)]) == [WRONG]
 
 
-def test_anything_through_the_centre_of_a_sphere_is_ignored():
+def test_planes_and_axes_through_the_centre_of_a_sphere_are_ignored():
     ball = [region(SphereSymmetry(ORIGIN))]
     assert judged([ReflectionSymmetry(X, ORIGIN)], ball) == [IGNORED]
     assert judged([RotationSymmetry(Y, ORIGIN)], ball) == [IGNORED]
@@ -87,14 +87,14 @@ def test_the_diagonal_planes_of_a_square_prism_are_ignored():
     assert judged([tilted], [prism], 0.067) == [WRONG]
 
 
-def test_a_listed_plane_is_to_be_found_once_with_a_discrete_axis_or_without():
+def test_a_listed_plane_counts_once_with_or_without_a_discrete_axis():
     planes = [ReflectionSymmetry(normal, ORIGIN) for normal in (X, Y, Z)]
     repeated = [planes[0], planes[0], planes[0]]
     for others in ((), (RotationSymmetry(Z, ORIGIN, order=2),)):
         assert judged(repeated, [region(*planes, *others)]) == [CORRECT, WRONG, WRONG]
 
 
-def test_a_plane_that_is_off_a_listed_one_by_no_more_than_noise_does_not_follow_from_another():
+def test_a_plane_within_noise_of_a_listed_one_does_not_follow_from_another():
     axis = RotationSymmetry(Z, ORIGIN, order=2)
     tilt = np.radians(4.0)
     listed = ReflectionSymmetry(np.array([-np.sin(tilt), np.cos(tilt), 0.0]), 0.003 * Y)
@@ -106,7 +106,7 @@ def test_a_plane_that_is_off_a_listed_one_by_no_more_than_noise_does_not_follow_
         assert implied_symmetries(other, (axis, ReflectionSymmetry(X, ORIGIN), other))
 
 
-def test_a_discrete_rotation_is_no_truth_for_the_continuous_one():
+def test_a_discrete_rotation_does_not_match_a_continuous_one():
     assert scored_symmetries(region(RotationSymmetry(Z, ORIGIN, order=3)), "rotation") == []
 
 

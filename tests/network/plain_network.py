@@ -1,7 +1,7 @@
-"""The network as the paper writes it: each group formed first, each layer on its own, no shortcuts.
+"""The network in the paper's form: each group formed first, each layer separate, no shortcuts.
 
 PointNet++ with PIFT from the weights of a `SymmetryGraspNet`, one cloud at a time, in the precision
-of its points. Slow; what the fast network is compared with, in tests and in benchmarks.
+of its points. It is slow; tests and benchmarks compare the fast network with it.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ from pipelines.network.pift import (
 
 @dataclass(frozen=True)
 class PlainNetwork:
-    """`use_pift` False is PointNet++ alone, whatever the weights hold."""
+    """The plain network; with `use_pift` False it is PointNet++ alone, for any weights."""
 
     state: dict[str, Tensor]
     config: NetworkConfig
@@ -72,7 +72,7 @@ class PlainNetwork:
         return (sampled - center) @ torch.linalg.inv(T).T + center, pooled  # Eqs. 4, 5
 
     def _content(self, level: int, points: Tensor, features: Tensor) -> Tensor:
-        """What is aggregated: at the first level coordinates among the deformed points."""
+        """Return the aggregated features: at the first level the deformed coordinates."""
         if level or not (self.use_pift and self.config.canonical_frame):
             return features
         T, center = self._pift(0, points, features)

@@ -1,4 +1,4 @@
-"""Augmented labels still fit augmented points."""
+"""Augmented labels fit the augmented points."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ def generators(seed, count=3):
 
 
 def distances(first, second):
-    """Return all distances; by products of matrices, short ones would lose half their digits."""
+    """Return all distances, without matrix products, which lose half the digits of short ones."""
     return torch.cdist(first, second, compute_mode="donot_use_mm_for_euclid_dist")
 
 
@@ -52,17 +52,17 @@ def test_planes_and_axes_move_with_the_points(seed):
 
 
 def off_axis(batch, row, slot):
-    """How far points are from a slot's centre, and along its axis, if it has one."""
+    """Return the distances of points from a slot's centre, and along its axis, if it has one."""
     offset = batch.points[row] - batch.center[row, slot]
     along = (offset @ batch.direction[row, slot]).abs()
     return torch.stack([offset.norm(dim=-1), along])
 
 
-def test_the_table_stays_where_it_was_below_the_points():
+def test_the_table_keeps_its_place_below_the_points():
     batch = replace(toy_batch(3, 32), ground=torch.tensor([0.03, 0.0, 0.05]))
     moved = augmentation.augment(batch, STILL, generators(1))
     scale = moved.points.flatten(1).norm(dim=-1) / batch.points.flatten(1).norm(dim=-1)
-    # Views lean by a little, which the height is not corrected for.
+    # Views are tilted a little, and the height is not corrected for that.
     torch.testing.assert_close(moved.ground, scale * batch.ground, rtol=0.05, atol=0.0)
     assert float((moved.ground / batch.ground - 1.0)[[0, 2]].abs().min()) > 1e-3
 
@@ -70,12 +70,12 @@ def test_the_table_stays_where_it_was_below_the_points():
 @settings(max_examples=15, deadline=None)
 @given(seeds)
 @example(6493)  # little of the box is seen
-@example(1649)  # a direction that is nearly across
+@example(1649)  # a direction nearly perpendicular
 @example(786)  # likewise
 def test_a_scaled_copy_keeps_every_plane_and_axis(seed):
     batch = toy_batch(2, 32, seed, tumbled=True)  # a box, a can
     scaled = augmentation.scaled_copy(batch, STILL, generators(seed, 2))
-    # What was mirrored and then scaled must be what is scaled and then mirrored.
+    # Mirroring and then scaling must equal scaling and then mirroring.
     for row, slot in ((0, 0), (0, 1), (0, 2), (1, 0)):
         points, center = batch.points[row], batch.center[row, slot]
         A = torch.linalg.lstsq(points, scaled.points[row]).solution
@@ -83,8 +83,8 @@ def test_a_scaled_copy_keeps_every_plane_and_axis(seed):
         expected = mirrored(
             scaled.points[row], scaled.direction[row, slot], scaled.center[row, slot]
         )
-        # A direction may lie within `ALIGNMENT` of one that keeps the symmetry exactly. Scaling
-        # along it by s and mirroring differ in their order by 2 (s - 1) cos times the distance.
+        # A direction may be off by `ALIGNMENT` from one that keeps the symmetry exactly. Scaling
+        # along it by s and mirroring then differ, by order, by 2 (s - 1) cos times the distance.
         farthest = float((points - center).norm(dim=-1).max())
         off = 2.0 * (STILL.principal_scale - 1.0) * augmentation.ALIGNMENT * farthest
         torch.testing.assert_close(image, expected, rtol=0.0, atol=off)
@@ -103,7 +103,7 @@ def test_scaling_stays_within_its_limit():
     assert float(ratio.std()) > 0.02
 
 
-def test_a_region_is_drawn_alike_whatever_stands_beside_it():
+def test_a_region_is_augmented_independently_of_the_rest_of_its_batch():
     batch, config = toy_batch(3, 16), AugmentationConfig()
     whole = augmentation.augment(batch, config, generators(5))
     copies = augmentation.scaled_copy(batch, config, generators(5))
@@ -115,7 +115,7 @@ def test_a_region_is_drawn_alike_whatever_stands_beside_it():
         torch.testing.assert_close(alone.points[0], copies.points[row])
 
 
-def test_a_region_whose_symmetries_fit_each_other_badly_is_not_scaled():
+def test_a_region_with_inconsistent_symmetries_is_not_scaled():
     batch = toy_batch(3, 16)
     box = RegionBatch(*(each[:1].clone() for each in vars(batch).values()))
     lean = float(np.radians(10.0))

@@ -27,7 +27,7 @@ def tensors(points, direction, center):
 
 @settings(max_examples=20, deadline=None)
 @given(seeds)
-def test_reflection_error_is_that_of_geometry(seed):
+def test_reflection_error_equals_that_of_numpy(seed):
     points, direction, center = case(seed)
     predicted, truth = (ReflectionSymmetry(direction[i], center[i]) for i in range(2))
     expected = symmetry_error.symmetry_error(points, predicted, truth)
@@ -39,7 +39,7 @@ def test_reflection_error_is_that_of_geometry(seed):
 
 @settings(max_examples=20, deadline=None)
 @given(seeds)
-def test_rotation_error_is_that_of_geometry_at_the_same_turns(seed):
+def test_rotation_error_equals_that_of_numpy_at_the_same_turns(seed):
     points, direction, center = case(seed)
     predicted, truth = (RotationSymmetry(direction[i], center[i]) for i in range(2))
     expected = np.mean(
@@ -58,7 +58,7 @@ def test_rotation_error_is_that_of_geometry_at_the_same_turns(seed):
     assert_allclose(float(got), expected, rtol=1e-5)
 
 
-def test_gradients_are_those_of_finite_differences():
+def test_gradients_equal_finite_differences():
     p, n, c, true_n, true_c = tensors(*case(3))
     n, c = n.clone().requires_grad_(), c.clone().requires_grad_()
     for error in (dense_error.reflection_errors, dense_error.rotation_errors):

@@ -17,12 +17,12 @@ def test_an_unknown_device_is_refused(name):
         find_device(name)
 
 
-def test_a_gpu_that_is_not_there_is_refused():
+def test_a_missing_gpu_is_refused():
     with pytest.raises(ValueRangeError):
         find_device("cuda:99")
 
 
-def test_each_process_has_a_gpu_of_its_own(monkeypatch):
+def test_each_process_has_a_separate_gpu(monkeypatch):
     monkeypatch.setattr(torch.cuda, "device_count", lambda: 4)
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     assert find_device("auto", 2) == find_device("cuda", 2) == torch.device("cuda:2")

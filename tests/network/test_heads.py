@@ -1,4 +1,4 @@
-"""Directions as leading eigenvectors, and which points tell symmetries."""
+"""Directions as leading eigenvectors, and predictions at a part of the points."""
 
 import numpy as np
 import torch
@@ -16,7 +16,7 @@ def six_of(matrix):
 
 @settings(max_examples=25, deadline=None)
 @given(seeds)
-def test_a_clear_leading_eigenvector_is_found_whatever_its_sign(seed):
+def test_a_clear_leading_eigenvector_is_found_up_to_its_sign(seed):
     rng = np.random.default_rng(seed)
     basis = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     matrix = torch.from_numpy(basis @ np.diag([1.0, 0.1, -0.3]) @ basis.T)
@@ -24,7 +24,7 @@ def test_a_clear_leading_eigenvector_is_found_whatever_its_sign(seed):
     assert abs(cosine) > 1.0 - 1e-5
 
 
-def test_its_gradient_is_that_of_finite_differences():
+def test_its_gradient_equals_finite_differences():
     torch.manual_seed(0)
     six = torch.randn(5, 6, dtype=torch.float64, requires_grad=True)
     assert torch.autograd.gradcheck(leading_direction, (six,))
@@ -39,11 +39,11 @@ def test_a_direction_that_turns_half_around_comes_back_without_a_jump():
     torch.testing.assert_close(planes[0], planes[-1])
 
 
-def test_fewer_points_tell_the_same_symmetries():
+def test_a_stride_predicts_the_same_symmetries_at_fewer_points():
     heads, features = Heads(16), torch.randn(2, 20, 16)
-    affordance, *told = heads(features)
+    affordance, *full = heads(features)
     same, *some = heads(features, stride=3)
     torch.testing.assert_close(same, affordance)
-    for few, every in zip(some, told, strict=True):
+    for few, every in zip(some, full, strict=True):
         assert few.shape[1] == 7
         torch.testing.assert_close(few, every[:, ::3])

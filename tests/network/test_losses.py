@@ -48,7 +48,7 @@ def test_a_perfect_prediction_costs_nothing():
     terms = losses.total_loss(
         prediction, truth, (prediction.features,) * 2, CONFIG, truth.points[:, :16]
     )
-    assert float(terms["total"]) < 0.3  # the square root's floor, a tenth of a millimetre
+    assert float(terms["total"]) < 0.3  # bound in the root: 0.1 mm
     assert float(terms["parameters"]) < 0.01
 
 
@@ -65,14 +65,14 @@ def test_the_total_is_the_weighted_sum_of_section_iii_e():
     torch.testing.assert_close(terms["total"], expected)
 
 
-def test_features_that_shrink_are_no_more_consistent():
+def test_smaller_features_are_not_more_consistent():
     torch.manual_seed(0)
     first, second = torch.randn(2, 3, 20, 8)
     loss = losses.consistency_loss(first, second)
     torch.testing.assert_close(
         losses.consistency_loss(0.1 * first, 0.1 * second), loss, rtol=1e-3, atol=0.0
     )
-    torch.testing.assert_close(loss, torch.tensor(2.0), rtol=0.1, atol=0.0)  # nothing in common
+    torch.testing.assert_close(loss, torch.tensor(2.0), rtol=0.1, atol=0.0)  # independent features
     assert float(losses.consistency_loss(first, first)) == 0.0
     assert float(losses.consistency_loss(torch.zeros(1, 2, 8), torch.zeros(1, 2, 8))) == 0.0
 
@@ -95,7 +95,7 @@ def test_the_order_of_the_true_planes_does_not_matter(order):
 
 
 @pytest.mark.parametrize("row", [0, 2])
-def test_what_has_no_labels_is_not_looked_at(row):
+def test_regions_without_labels_do_not_change_the_loss(row):
     truth, prediction = toy_batch(3, 20), random_prediction(3, 20)
     labelled, points = torch.ones(3), truth.points[:, :8]
     labelled[row] = 0.0
@@ -117,7 +117,7 @@ def test_what_has_no_labels_is_not_looked_at(row):
         assert every[name] != changed[name], name
 
 
-def test_gradients_are_those_of_finite_differences():
+def test_gradients_equal_finite_differences():
     truth = toy_batch(2, 3)
     truth = RegionBatch(*(getattr(truth, field.name).double() for field in fields(RegionBatch)))
     fixed = random_prediction(2, 3)
@@ -128,7 +128,7 @@ def test_gradients_are_those_of_finite_differences():
 
     def loss(features, affordance, existence, center, direction):
         prediction = Prediction(features, affordance, existence, center, direction)
-        # Eq. 7's weights have no gradient: held still here, for differences would see them.
+        # Eq. 7's weights have no gradient: fixed here, as finite differences would include them.
         detached = replace(prediction, affordance=fixed.affordance.double())
         terms = losses.total_loss(detached, truth, (features, other), CONFIG, truth.points)
         return (
@@ -150,7 +150,7 @@ TERMS = {
 
 @pytest.mark.parametrize("term", TERMS)
 @pytest.mark.parametrize("kind", [0, 1, 2])  # a box's planes, a can's axis, a ball
-def test_the_gradient_of_each_term_is_that_of_finite_differences(term, kind):
+def test_the_gradient_of_each_term_equals_finite_differences(term, kind):
     truth = toy_batch(3, 3)[kind : kind + 1]
     truth = RegionBatch(*(getattr(truth, field.name).double() for field in fields(RegionBatch)))
     fixed = random_prediction(1, 3)
@@ -162,7 +162,7 @@ def test_the_gradient_of_each_term_is_that_of_finite_differences(term, kind):
     )
 
 
-def test_where_half_of_the_points_are_graspable_eq_6_is_the_mean_of_absolute_differences():
+def test_eq_6_is_the_mean_absolute_difference_where_half_of_the_points_are_graspable():
     truth, predicted = torch.tensor([[0.0, 0.6, 0.0, 0.9]]), torch.tensor([[0.3, 0.5, -0.1, 1.2]])
     loss = losses.affordance_loss(predicted, truth)
     torch.testing.assert_close(loss, (predicted - truth).abs().mean())
@@ -181,7 +181,7 @@ def test_a_sphere_costs_the_squared_distance_of_its_centre_in_radii():
     torch.testing.assert_close(parameter_loss(prediction, truth, points), expected)
 
 
-def test_eq_7_weighs_each_point_by_its_affordance():
+def test_eq_7_weights_each_point_by_its_affordance():
     truth, prediction = toy_batch(2, 20), random_prediction(2, 20)
     terms = losses.total_loss(prediction, truth, None, CONFIG, truth.points[:, :8])
     matched = losses.match_reflections(
@@ -205,7 +205,7 @@ def test_predicting_no_affordance_does_not_lower_the_symmetry_loss():
     assert not (losses.symmetry_weights(prediction.affordance) * matched).requires_grad
 
 
-def test_points_with_affordance_weigh_more():
+def test_points_with_affordance_have_more_weight():
     weight = losses.symmetry_weights(torch.tensor([[0.9, 0.0]]))[0]
     torch.testing.assert_close(weight, torch.tensor([1.0 / 1.1, 0.1 / 1.1]))
 
@@ -213,14 +213,14 @@ def test_points_with_affordance_weigh_more():
 def test_rare_graspable_points_are_not_outvoted():
     truth = torch.zeros(1, 100)
     truth[0, :20] = 0.8
-    # Missing all of the few positives costs half of what missing every point does.
+    # Missing all of the few positives costs half of the loss of missing every point.
     missed = losses.affordance_loss(torch.zeros(1, 100), truth)
     assert float(missed) == pytest.approx(0.8 / 2)
     raised = losses.affordance_loss(torch.full((1, 100), 0.8), truth)
     assert float(raised) == pytest.approx(0.8 / 2)
 
 
-def test_the_loss_as_printed_is_plain_distances_weighed_by_the_predicted_affordance():
+def test_the_papers_loss_is_plain_distances_weighted_by_the_predicted_affordance():
     truth, prediction = toy_batch(3, 20), random_prediction(3, 20)
     config = replace(CONFIG, loss="paper", weight_feature=1.0)
     copy, points = torch.zeros_like(prediction.features), truth.points[:, :8]
@@ -234,7 +234,7 @@ def test_the_loss_as_printed_is_plain_distances_weighed_by_the_predicted_afforda
     torch.testing.assert_close(again["existence"], 0.5 * terms["existence"])  # Eq. 7
 
 
-def test_the_loss_as_printed_leaves_unlabelled_regions_out():
+def test_the_papers_loss_leaves_unlabelled_regions_out():
     truth, prediction = toy_batch(2, 20), random_prediction(2, 20)
     only = torch.tensor([1.0, 0.0])
     found = losses.plain_affordance_loss(prediction.affordance, truth.affordance, only)
@@ -244,7 +244,7 @@ def test_the_loss_as_printed_leaves_unlabelled_regions_out():
     torch.testing.assert_close(found, 0.5 * first)
 
 
-def test_existence_may_ask_for_a_right_prediction_and_not_a_listed_one_alone():
+def test_existence_may_need_a_right_prediction_in_addition_to_a_listed_symmetry():
     truth, right = toy_batch(1, 40), perfect_prediction(toy_batch(1, 40))  # a box
     wrong = replace(right, center=right.center + 0.05)
     asks = replace(CONFIG, existence="right")

@@ -68,7 +68,7 @@ def test_no_other_assignment_of_planes_to_slots_costs_less():
     assert max(every) > 1.05 * min(every)
 
 
-def test_assignments_are_those_of_the_hungarian_method():
+def test_assignments_equal_those_of_the_hungarian_method():
     cost = torch.rand(50, 3, 3, generator=torch.Generator().manual_seed(1))
     expected = [linear_sum_assignment(matrix)[1].tolist() for matrix in cost.numpy()]
     assert assign(cost).tolist() == expected

@@ -1,4 +1,4 @@
-"""Predictions of regions and of their mirror images become one answer."""
+"""Predictions of regions and of their mirror images, combined."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ CONFIG = NetworkConfig(
 MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
-def told(seed, regions=2, voting=30):
+def random_outputs(seed, regions=2, voting=30):
     rng = np.random.default_rng(seed)
     direction = unit(rng.normal(size=(regions, 1, 5, 3)) + np.zeros((voting, 1, 1)))
     return RegionOutputs(
@@ -38,8 +38,8 @@ def reordered(one, order):
     return RegionOutputs(one.affordance, *(column[:, :, order] for column in columns))
 
 
-def test_slots_of_a_copy_are_put_in_the_order_of_the_planes_told_first():
-    first = told(0)
+def test_slots_of_a_mirror_image_are_sorted_by_the_planes_of_its_region():
+    first = random_outputs(0)
     for order in ([1, 2, 0, 3, 4], [2, 1, 0, 3, 4], [0, 1, 2, 3, 4]):
         both = with_copy(first, reordered(first, order))
         for name in ("existence", "center", "direction"):
@@ -48,15 +48,15 @@ def test_slots_of_a_copy_are_put_in_the_order_of_the_planes_told_first():
             assert_array_equal(value[:, 30:], getattr(first, name))
 
 
-def test_a_plane_told_with_the_opposite_normal_is_the_same_plane():
-    first = told(1)
+def test_a_plane_predicted_with_the_opposite_normal_is_the_same_plane():
+    first = random_outputs(1)
     turned = reordered(first, [1, 2, 0, 3, 4])
     both = with_copy(first, replace(turned, direction=-turned.direction))
     assert_array_equal(both.direction[:, 30:], -first.direction)
 
 
 def test_affordances_are_averaged_and_axes_and_spheres_stay_in_their_slots():
-    first, other = told(2), told(3)
+    first, other = random_outputs(2), random_outputs(3)
     both = with_copy(first, other)
     assert_allclose(both.affordance, (first.affordance + other.affordance) / 2.0)
     assert_array_equal(both.existence[:, 30:, 3:], other.existence[:, :, 3:])
@@ -64,7 +64,7 @@ def test_affordances_are_averaged_and_axes_and_spheres_stay_in_their_slots():
 
 
 class Echo(torch.nn.Module):
-    """Tells of each point where it is."""
+    """Predicts the position of each point as the centre of its symmetries."""
 
     def forward(self, points, ground, stride, camera):
         center = points[:, ::stride, None].repeat(1, 1, 5, 1)
@@ -72,7 +72,7 @@ class Echo(torch.nn.Module):
         return Prediction(points, 0.5 + 0.0 * points[..., 2], existence, center, center)
 
 
-def test_what_is_told_of_the_mirror_image_is_brought_back():
+def test_predictions_of_the_mirror_image_are_mirrored_back():
     region = np.random.default_rng(0).normal((0.1, -0.2, 0.7), 0.03, (300, 3))
     echo = GraspPredictor(Echo(), CONFIG, torch.device("cpu"), mirrored=True)
     (prediction,) = echo.predict([region])
@@ -86,17 +86,19 @@ def network():
     return SymmetryGraspNet(CONFIG)
 
 
-def test_a_region_and_its_mirror_image_get_mirrored_answers(network):
+def test_a_region_and_its_mirror_image_get_mirrored_predictions(network):
     region = np.random.default_rng(1).normal((0.1, -0.2, 0.7), 0.03, (300, 3))
     asked = GraspPredictor(network, CONFIG, torch.device("cpu"), mirrored=True)
     alone = GraspPredictor(network, CONFIG, torch.device("cpu"))
     (one,), (other,) = asked.predict([region]), asked.predict([region * MIRROR])
     assert_allclose(one.affordance, other.affordance, atol=1e-6)
     half = len(one.existence) // 2
-    # Axes and spheres have a slot each: what one look tells first, the other tells second.
+    # Axes and spheres have one slot each: the halves of the two predictions are swapped.
     for mine, theirs in ((slice(half), slice(half, None)), (slice(half, None), slice(half))):
         assert_allclose(one.existence[mine, 3:], other.existence[theirs, 3:], atol=1e-5)
         assert_allclose(one.center[mine, 3:], other.center[theirs, 3:] * MIRROR, atol=1e-5)
     (plain,), (twin,) = alone.predict([region]), alone.predict([region * MIRROR])
-    assert np.abs(plain.affordance - twin.affordance).max() > 1e-4  # one look does mind
+    assert (
+        np.abs(plain.affordance - twin.affordance).max() > 1e-4
+    )  # one prediction is not symmetric
     assert_array_equal(one.existence[:half], plain.existence)

@@ -1,4 +1,4 @@
-"""The fast network says what the plain one says (Sec. III-E), on any device, with any threads."""
+"""The fast network gives the output of the plain one (Sec. III-E) on any device and threads."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ NAMES = ("features", "affordance", "existence", "center", "direction")
 
 
 def clouds(size, count, seed=0):
-    """Halves of ellipsoids, as a camera sees them, centred."""
+    """Halves of ellipsoids that face a camera, centred."""
     g = torch.Generator().manual_seed(seed)
     points = torch.nn.functional.normalize(
         torch.randn(size, count, 3, generator=g).double(), dim=-1
@@ -61,18 +61,18 @@ def assert_alike(one, other, points, **tolerance):
 
 
 @pytest.mark.parametrize("canonical", [False, True])
-def test_it_says_what_the_equations_say(canonical):
+def test_the_network_gives_the_output_of_the_equations(canonical):
     config = replace(SMALL, canonical_frame=canonical)
     network = learned(config)
     assert_alike(network, PlainNetwork(network.state_dict(), config), clouds(3, 160))
 
 
-def test_the_default_weights_say_what_the_equations_say_with_norms_folded_too():
+def test_the_default_weights_give_the_output_of_the_equations_with_folded_norms_too():
     network, config = default_network()
     assert_alike(folded(network), PlainNetwork(network.state_dict(), config), clouds(1, 1500))
 
 
-def test_before_anything_is_learned_it_is_plain_pointnet2():
+def test_the_network_is_plain_pointnet2_before_training():
     torch.manual_seed(0)
     network = SymmetryGraspNet(SMALL).double().eval()
     plain = PlainNetwork(network.state_dict(), SMALL, use_pift=False)
@@ -83,7 +83,7 @@ def test_before_anything_is_learned_it_is_plain_pointnet2():
     assert not torch.allclose(features, others, atol=1e-2)
 
 
-def test_each_level_keeps_points_of_the_cloud_itself():
+def test_each_level_keeps_points_of_the_cloud():
     network = learned(SMALL)
     points = clouds(2, 160) * 10.0
     level = (points, torch.cat([points, torch.zeros_like(points[..., :1])], -1))
@@ -92,7 +92,7 @@ def test_each_level_keeps_points_of_the_cloud_itself():
         assert torch.cdist(level[0], points).amin(-1).amax() < 1e-6
 
 
-def test_asking_for_some_points_changes_no_answer():
+def test_predictions_for_some_points_equal_those_for_all():
     network, points = learned(SMALL), clouds(2, 160)
     query = torch.tensor([[5, 0, 159], [7, 8, 9]])
     with torch.no_grad():
@@ -102,7 +102,7 @@ def test_asking_for_some_points_changes_no_answer():
         torch.testing.assert_close(getattr(some, name), expected)
 
 
-def test_gradients_of_the_whole_network_are_those_of_finite_differences():
+def test_gradients_of_the_whole_network_equal_finite_differences():
     network, points, step = learned(TINY).train(), clouds(2, 24), 1e-8
     g = torch.Generator().manual_seed(1)
     shares = [torch.randn(column.shape, generator=g).double() for column in _said(network, points)]
@@ -145,7 +145,7 @@ def test_every_weight_has_a_gradient_that_is_a_number(learn):
 
 @pytest.mark.parametrize("change", [lambda network: network, folded], ids=["learned", "folded"])
 @pytest.mark.parametrize("config", [SMALL, NetworkConfig()])
-def test_the_way_that_gpus_take_gives_the_same_answers(config, change, monkeypatch):
+def test_the_code_for_gpus_gives_the_same_predictions(config, change, monkeypatch):
     network, points = change(learned(config)), clouds(2, config.num_points)
     with torch.no_grad():
         compiled = network(points)
@@ -155,7 +155,7 @@ def test_the_way_that_gpus_take_gives_the_same_answers(config, change, monkeypat
         torch.testing.assert_close(getattr(plain, name), getattr(compiled, name))
 
 
-def test_one_thread_and_two_give_the_same_answers():
+def test_one_thread_and_two_give_the_same_predictions():
     network, points = default_network()[0].float(), clouds(2, 1500).float()
     threads, found = torch.get_num_threads(), []
     try:
@@ -173,7 +173,7 @@ def test_one_thread_and_two_give_the_same_answers():
 
 @pytest.mark.gpu
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
-def test_cpu_and_gpu_give_the_same_answers():
+def test_cpu_and_gpu_give_the_same_predictions():
     network, points = learned(NetworkConfig()), clouds(3, NetworkConfig().num_points)
     with torch.no_grad():
         here, there = network(points), network.cuda()(points.cuda())

@@ -1,4 +1,4 @@
-"""PIFT: deform and undo exactly, and do nothing before anything is learned (Eqs. 3-5)."""
+"""PIFT: deformation and exact inverse, and the identity before training (Eqs. 3-5)."""
 
 import torch
 from hypothesis import given, settings
@@ -27,7 +27,7 @@ def learned_pift(seed):
 
 @settings(max_examples=15, deadline=None)
 @given(seeds)
-def test_undo_brings_deformed_points_back(seed):
+def test_undo_maps_deformed_points_back(seed):
     deformation, points = learned_pift(seed)
     torch.testing.assert_close(deformation.undo(deformation.deform(points)), points)
 
@@ -45,7 +45,7 @@ def test_the_deformation_turns_first_then_scales_along_the_axes_about_the_centro
 
 @settings(max_examples=15, deadline=None)
 @given(seeds)
-def test_planes_and_lines_among_deformed_points_come_back_with_the_points(seed):
+def test_planes_and_lines_of_deformed_points_are_mapped_back_with_the_points(seed):
     deformation, points = learned_pift(seed)
     torch.manual_seed(seed)
     first, second = torch.randn(2, 3, 1, 3).double()
@@ -67,14 +67,14 @@ def test_six_numbers_make_a_rotation(seed):
     torch.testing.assert_close(torch.linalg.det(R), torch.ones(4).double())
 
 
-def test_a_new_deformation_is_exactly_none():
+def test_a_new_deformation_is_exactly_the_identity():
     module, points = PIFT(4), torch.randn(2, 50, 3)
     deformation = module(points, torch.randn(2, 50, 4))
     assert torch.equal(deformation.rotation, torch.eye(3).expand(2, 3, 3))
     assert torch.equal(deformation.scale, torch.ones(2, 3))
 
 
-def test_a_cloud_is_deformed_alike_alone_and_in_company():
+def test_a_cloud_is_deformed_equally_alone_and_in_a_batch():
     torch.manual_seed(0)
     module = PIFT(4)
     torch.nn.init.normal_(module.regress.weight)
@@ -103,7 +103,7 @@ def test_the_inverse_spread_undoes_a_scaling_along_an_axis_of_the_frame(seed, fa
     scaling[axis] = factor
     scaled = points @ (R[0].T @ torch.diag(scaling) @ R[0]).T
     same, again = (module(each, features).deform(each) for each in (points, scaled))
-    # But for the bound on scales: single clouds, whose spread comes near it, keep up to a half.
+    # Except for the bound on scales: single clouds whose spread is near it keep up to a half.
     assert (again - same).norm() < 0.15 * (scaled - points).norm()
 
 
@@ -114,22 +114,22 @@ def learned_convolution(feature_dim=4, num_points=50):
     return module.eval()
 
 
-def test_a_new_point_convolution_deforms_nothing():
+def test_a_new_point_convolution_is_the_identity():
     deformation = ConvolutionPIFT(4, 50)(torch.randn(2, 50, 3), torch.randn(2, 50, 4))
     assert torch.equal(deformation.rotation, torch.eye(3).expand(2, 3, 3))
     assert torch.equal(deformation.scale, torch.ones(2, 3))
 
 
-def test_a_point_convolution_sees_where_points_lie_and_their_features():
+def test_a_point_convolution_depends_on_positions_and_features():
     module, points, features = learned_convolution(), torch.randn(2, 50, 3), torch.randn(2, 50, 4)
     first = module(points, features)
     assert not torch.allclose(first.scale, module(2.0 * points, features).scale)
     assert not torch.allclose(first.scale, module(points, features + 1.0).scale)
-    moved = module(points + 3.0, features)  # groups are seen from their centres
+    moved = module(points + 3.0, features)  # positions are relative to the centre of each group
     torch.testing.assert_close(moved.scale, first.scale, atol=1e-4, rtol=1e-4)
 
 
-def test_a_folded_point_convolution_deforms_alike_alone_and_in_company():
+def test_a_folded_point_convolution_deforms_equally_alone_and_in_a_batch():
     module, points, features = learned_convolution(), torch.randn(5, 50, 3), torch.randn(5, 50, 4)
     quick = folded(module)
     with torch.inference_mode():

@@ -1,4 +1,4 @@
-"""The layers give what the textbook form, written out, gives, and the groups' fast twin too."""
+"""Layers of PointNet++ and the fast pooling of groups, against the textbook form."""
 
 import pytest
 import torch
@@ -40,8 +40,8 @@ def test_feature_propagation_equals_interpolation_before_the_linear_layer():
     torch.testing.assert_close(layer(fine, known, coarse, features), expected)
 
 
-@pytest.mark.parametrize("centers", [40, 150])  # all groups at a time, and a part of them
-def test_groups_pooled_cloud_by_cloud_are_those_of_the_layers_to_the_last_bit(centers):
+@pytest.mark.parametrize("centers", [40, 150])  # all groups at once, and in parts
+def test_groups_pooled_cloud_by_cloud_equal_those_of_the_layers_to_the_last_bit(centers):
     torch.manual_seed(1)
     group = CloudLinear(32, 64, bias=False)
     projected, offset = torch.randn(3, 50, 32), torch.randn(3, centers, 32)
@@ -53,7 +53,7 @@ def test_groups_pooled_cloud_by_cloud_are_those_of_the_layers_to_the_last_bit(ce
 
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize(("size", "centers", "members"), [(2, 9, 4), (3, 150, 16), (1, 1, 1)])
-def test_gradients_of_pooled_groups_are_those_of_the_layers(size, centers, members, threads):
+def test_gradients_of_pooled_groups_equal_those_of_the_layers(size, centers, members, threads):
     torch.manual_seed(0)
     group = SetAbstraction(5, (8, 6, 6), 9, 4).double().group
     neighbors = torch.stack([torch.randperm(150)[:members] for _ in range(size * centers)])
@@ -73,7 +73,7 @@ def test_gradients_of_pooled_groups_are_those_of_the_layers(size, centers, membe
     torch.testing.assert_close(found, expected)
 
 
-def test_of_equal_members_the_first_has_the_gradient():
+def test_the_first_of_equal_members_gets_the_gradient():
     projected = torch.ones(1, 4, 2, requires_grad=True)
     neighbors = torch.tensor([[[2, 1, 3]]])
     group = torch.nn.Linear(2, 3, bias=False)

@@ -50,14 +50,14 @@ def test_shapes_and_ranges_are_as_documented(predictor):
 
 
 @pytest.mark.parametrize(("count", "distinct"), [(300, 200), (200, 200), (150, 150)])
-def test_points_are_drawn_twice_only_where_there_are_too_few(predictor, count, distinct):
+def test_points_are_repeated_only_where_there_are_too_few(predictor, count, distinct):
     (prediction,) = predictor.predict([cloud(count)])
     assert len(set(prediction.index)) == distinct
     assert set(prediction.index) <= set(range(count))
 
 
 class Echo(torch.nn.Module):
-    """Says of each point how near it is to the camera, as its affordance."""
+    """Predicts the depth of each point as its affordance."""
 
     def forward(self, points, ground, stride, camera):
         voting = points[:, ::stride]
@@ -68,7 +68,7 @@ class Echo(torch.nn.Module):
         return Prediction(points, 0.5 + points[..., 2], existence, center, center)
 
 
-def test_predictions_are_of_the_points_they_name():
+def test_predictions_belong_to_the_points_of_their_indices():
     region = cloud(300)
     echo = GraspPredictor(Echo(), replace(CONFIG, input_frame="camera"), torch.device("cpu"))
     (prediction,) = echo.predict([region])
@@ -77,16 +77,16 @@ def test_predictions_are_of_the_points_they_name():
     assert_allclose(prediction.center[:, 2], region[prediction.index][::3], atol=1e-6)
 
 
-def test_moving_a_region_away_moves_what_is_predicted(predictor):
+def test_moving_a_region_away_moves_its_symmetries(predictor):
     region = cloud(200)
-    shift = 0.3 * region.mean(0)  # sideways, the camera would see it from another side
+    shift = 0.3 * region.mean(0)  # a shift sideways would show another side
     (here,), (there,) = predictor.predict([region]), predictor.predict([region + shift])
     assert_allclose(there.center, here.center + shift, atol=2e-3)
     assert_allclose(there.affordance, here.affordance, atol=2e-2)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_turning_the_camera_turns_what_is_predicted(predictor, seed):
+def test_turning_the_camera_turns_the_symmetries(predictor, seed):
     turn = random_rotation(np.random.default_rng(seed))
     region, table = cloud(200, seed), Plane(unit(np.array([0.1, -0.8, -0.5])), 0.5)
     (here,) = predictor.predict([region], table)
@@ -97,15 +97,15 @@ def test_turning_the_camera_turns_what_is_predicted(predictor, seed):
     assert_allclose(there.direction, signs * (here.direction @ turn.T), atol=2e-2)
 
 
-def test_the_height_above_the_table_is_seen(predictor):
+def test_predictions_depend_on_the_height_above_the_table(predictor):
     region, table = cloud(200), Plane(unit(np.array([0.1, -0.8, -0.5])), 0.5)
     (low,) = predictor.predict([region], table)
     (high,) = predictor.predict([region], Plane(table.normal, table.offset + 0.3))
     assert np.abs(high.center - low.center).max() > 1e-3
 
 
-def test_a_region_is_predicted_alike_alone_in_company_and_by_any_number_of_threads():
-    predictor = GraspPredictor.load(NETWORK_WEIGHTS, "cpu")  # untrained ones hardly deform
+def test_a_region_gets_equal_predictions_alone_in_a_batch_and_with_any_threads():
+    predictor = GraspPredictor.load(NETWORK_WEIGHTS, "cpu")  # untrained weights hardly deform
     regions = [cloud(count, count) for count in (300, 80, 1600, 2500, 40)]
     alone = [predictor.predict([region])[0] for region in regions]
     threads = torch.get_num_threads()
@@ -132,19 +132,19 @@ def test_no_regions_give_no_predictions(predictor):
 
 
 @pytest.mark.parametrize("bad", [np.zeros((0, 3)), np.zeros((4, 2)), np.full((4, 3), np.nan)])
-def test_what_is_no_region_is_refused(predictor, bad):
+def test_wrong_regions_are_refused(predictor, bad):
     with pytest.raises(ValueRangeError):
         predictor.predict([bad])
 
 
-def test_weights_of_something_else_are_refused(tmp_path):
+def test_weights_of_another_model_are_refused(tmp_path):
     path = tmp_path / "other.safetensors"
     save_weights(path, {"a": torch.zeros(2)}, {"model": "Other"})
     with pytest.raises(FormatError, match="holds Other"):
         GraspPredictor.load(path, "cpu")
 
 
-def test_weights_that_do_not_say_a_setting_are_refused(tmp_path):
+def test_weights_that_lack_a_setting_are_refused(tmp_path):
     path = tmp_path / "earlier.safetensors"
     settings = json.loads(weights_metadata("SymmetryGraspNet", CONFIG)["config"])
     del settings["canonical_frame"]
@@ -154,7 +154,7 @@ def test_weights_that_do_not_say_a_setting_are_refused(tmp_path):
         GraspPredictor.load(path, "cpu")
 
 
-def test_weights_with_a_setting_that_is_not_known_are_refused(tmp_path):
+def test_weights_with_an_unknown_setting_are_refused(tmp_path):
     path = tmp_path / "later.safetensors"
     settings = json.loads(weights_metadata("SymmetryGraspNet", CONFIG)["config"])
     metadata = {"model": "SymmetryGraspNet", "config": json.dumps({**settings, "use_pifts": 1})}

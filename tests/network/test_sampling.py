@@ -1,4 +1,4 @@
-"""Sampling and interpolation against the slow and obvious way."""
+"""Sampling and interpolation against plain loops."""
 
 import numpy as np
 import pytest
@@ -27,14 +27,14 @@ def loops(request, monkeypatch):
 
 @pytest.mark.usefixtures("loops")
 @pytest.mark.parametrize("count", [60, 1500])
-def test_farthest_points_are_those_of_the_greedy_rule(count):
+def test_farthest_points_follow_the_greedy_rule(count):
     points = clouds(2, count)
     found = sampling.farthest_points(points, 24).numpy()
     for cloud, chosen in zip(points.numpy(), found, strict=True):
         assert chosen.tolist() == naive_farthest(cloud, 24, 0)
 
 
-def test_a_cloud_smaller_than_the_sample_is_taken_whole():
+def test_a_cloud_smaller_than_the_sample_is_taken_completely():
     assert_array_equal(sampling.farthest_points(clouds(2, 5), 9).numpy(), [[0, 1, 2, 3, 4]] * 2)
 
 
@@ -77,7 +77,7 @@ def test_threads_change_nothing():
         torch.set_num_threads(before)
 
 
-def test_gather_picks_from_each_cloud_its_own():
+def test_gather_picks_points_of_each_cloud_by_its_own_indices():
     values = torch.arange(12.0).view(2, 3, 2)
     index = torch.tensor([[[2, 0]], [[1, 1]]])
     assert sampling.gather(values, index).tolist() == [[[[4, 5], [0, 1]]], [[[8, 9], [8, 9]]]]
@@ -85,7 +85,7 @@ def test_gather_picks_from_each_cloud_its_own():
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("size", [1, 2])
-def test_points_that_are_not_there_weigh_nothing(size, dtype):
+def test_missing_points_have_no_weight(size, dtype):
     places, weights = sampling.interpolation_weights(
         clouds(1, 70).to(dtype), clouds(1, size, 1).to(dtype)
     )

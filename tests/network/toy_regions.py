@@ -29,7 +29,7 @@ def surface(kind: int, size: np.ndarray, count: int, rng: np.random.Generator):
 
 
 def region(kind: int, count: int, rng: np.random.Generator, tumbled: bool = False):
-    """What makes up a `RegionBatch`, of one region; table unknown."""
+    """The fields of a `RegionBatch` of one region; table unknown."""
     size = rng.uniform(0.02, 0.06, 3)
     points, normals = surface(kind, size, 40 * count, rng)
     R = DOWN @ (

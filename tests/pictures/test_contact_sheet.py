@@ -35,7 +35,7 @@ def tile(name, doubt, symmetries=()):
 
 
 def colored(picture, color, tolerance=40):
-    """How many pixels have nearly this hue: the same direction from grey."""
+    """Return the number of pixels with nearly this hue: the same direction from grey."""
     wanted = np.array(color, float) - np.mean(color)
     there = picture - picture.mean(axis=2, keepdims=True)
     length = np.linalg.norm(there, axis=2)
@@ -53,22 +53,22 @@ def test_planes_axes_and_spheres_are_drawn_in_their_colours(box):
         assert colored(object_views(box, ObjectSymmetries("a", (symmetry,))), (215, 20, 20)) > 150
 
 
-def test_a_plane_shows_where_the_object_does_not_hide_it(box):
-    """What is nearer than the sheet stays as it was; what lies behind it is tinted."""
+def test_a_plane_is_drawn_where_the_object_does_not_hide_it(box):
+    """Pixels in front of the sheet do not change; pixels behind it are tinted."""
     plain = object_views(box, ObjectSymmetries("a", ()))
     drawn = object_views(box, ObjectSymmetries("a", (PLANE,)))
     assert drawn.shape == plain.shape
     assert 0.02 < np.mean((drawn != object_views(box, ObjectSymmetries("a", ()))).any(2)) < 0.9
 
 
-def test_regions_have_colours_of_their_own(box):
+def test_regions_have_different_colours(box):
     halves = [ObjectRegion(n, np.arange(6) + s, ()) for n, s in (("a", 0), ("b", 6))]
     picture = object_views(box, ObjectSymmetries("a", (), tuple(halves)))
     for color in REGIONS[:2]:
         assert colored(picture, color, tolerance=15) > 300
 
 
-def test_a_part_that_is_all_of_an_object_without_symmetry_shows_its_own(box):
+def test_a_part_that_covers_an_object_without_symmetry_shows_the_parts_symmetry(box):
     part = ObjectRegion("part0", np.arange(12), (PLANE,))
     only_rejected = ObjectSymmetries("a", (), (), rejected=(AXIS,))
     marks = marks_of(box, ObjectSymmetries("a", (), (part,), rejected=(AXIS,)))
@@ -78,7 +78,7 @@ def test_a_part_that_is_all_of_an_object_without_symmetry_shows_its_own(box):
     assert len(marks_of(box, whole)) == 1
 
 
-def test_the_most_doubtful_come_first_and_the_unknown_before_all(tmp_path):
+def test_objects_of_unknown_doubt_come_first_and_then_the_most_doubtful(tmp_path):
     tiles = [tile("calm", 0.1), tile("unknown", None), tile("edge", 0.9)]
     (page,) = write_sheets(tmp_path, tiles)
     index = (tmp_path / "index.html").read_text()
@@ -86,7 +86,7 @@ def test_the_most_doubtful_come_first_and_the_unknown_before_all(tmp_path):
     assert read_image(page).shape[1] == SHEET_COLUMNS * 410 + 10
 
 
-def test_pages_hold_24_and_older_pages_go(tmp_path):
+def test_pages_hold_24_objects_and_older_pages_are_removed(tmp_path):
     tiles = [tile(f"t{number:02d}", 0.5) for number in range(SHEET_COLUMNS * SHEET_ROWS + 1)]
     assert [path.name for path in write_sheets(tmp_path, tiles)] == ["sheet_01.png", "sheet_02.png"]
     write_sheets(tmp_path, tiles[:3])
@@ -102,7 +102,7 @@ def test_names_cannot_break_the_page(tmp_path):
     assert (picture["src"], picture["alt"]) == ('objects/<script>&".png', '<script>&"')
 
 
-def test_facts_are_words():
+def test_facts_of_an_object_are_written_in_words():
     order = RotationSymmetry(Z, ORIGIN, 6, 0.001)
     labels = ObjectSymmetries("nut", (PLANE, PLANE, order), rejected=(AXIS,))
     assert contact_sheet.facts(labels) == "2 mirrors, axis x6, error 0.0100"

@@ -1,4 +1,4 @@
-"""Pictures of frames say which run's grasps they show, and stay pictures to everybody else."""
+"""Overlays hold the stamp of the run whose grasps they show, and stay normal PNG files."""
 
 import zlib
 from dataclasses import replace
@@ -24,7 +24,7 @@ def picture(tmp_path):
 
 
 def chunks_of(data: bytes) -> list[tuple[bytes, bytes]]:
-    """The kinds and contents of a PNG's chunks, each agreeing with its check sum."""
+    """Return the kinds and contents of a PNG's chunks, after verifying their check sums."""
     place, found = 8, []
     while place < len(data):
         size = int.from_bytes(data[place : place + 4], "big")
@@ -36,7 +36,7 @@ def chunks_of(data: bytes) -> list[tuple[bytes, bytes]]:
     return found
 
 
-def test_the_picture_is_the_drawn_one_with_a_text_behind_its_header(picture):
+def test_the_file_holds_the_drawn_picture_with_a_text_after_its_header(picture):
     np.testing.assert_array_equal(read_image(picture), draw_overlay(FRAME, RESULT))
     chunks = chunks_of(picture.read_bytes())
     assert [kind for kind, _ in chunks[:2]] == [b"IHDR", b"tEXt"]
@@ -44,7 +44,7 @@ def test_the_picture_is_the_drawn_one_with_a_text_behind_its_header(picture):
     assert chunks[-1][0] == b"IEND"
 
 
-def test_a_grasp_that_is_not_worth_trying_is_drawn_weakly():
+def test_a_grasp_that_is_not_worth_trying_is_drawn_faintly():
     weak = replace(RESULT.grasps, worth_trying=np.zeros(len(RESULT.grasps), bool))
     bare = draw_overlay(FRAME, replace(RESULT, grasps=type(weak).empty()))
     marked = [
@@ -60,13 +60,13 @@ def test_the_same_result_gives_the_same_bytes(picture):
     assert again.read_bytes() == picture.read_bytes()
 
 
-def test_it_is_of_the_stamp_it_was_drawn_with_and_of_no_other(picture):
+def test_a_picture_is_recognised_by_its_own_stamp_only(picture):
     assert is_drawn(picture, STAMP)
     for change in ({"seed": 4}, {"config": {"gripper": "franka"}}, {"inputs": {}}):
         assert not is_drawn(picture, replace(STAMP, **change))
 
 
-def test_what_is_none_of_ours_is_not_taken_for_it(picture, tmp_path):
+def test_other_and_damaged_files_are_not_taken_for_our_pictures(picture, tmp_path):
     data = picture.read_bytes()
     for size in (0, 20, 40, 60):
         picture.write_bytes(data[:size])

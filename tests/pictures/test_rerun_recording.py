@@ -1,4 +1,4 @@
-"""Recordings for rerun, seen through a stand-in; and the sentence where there is no rerun."""
+"""Recordings for rerun, through a stand-in; and the error sentence without rerun."""
 
 import sys
 from pathlib import Path
@@ -58,7 +58,7 @@ def rotated(quaternion, vector):
     return vector + 2 * np.cross(axis, np.cross(axis, vector) + w * vector)
 
 
-def test_the_hands_are_the_grippers_boxes(logged):
+def test_hands_are_drawn_as_the_boxes_of_the_gripper(logged):
     table, best = RESULT.grasps, logged["world/grasps/place_00"]
     rows = np.flatnonzero(table.is_best)
     assert len(best.centers) == 3 * len(rows)
@@ -80,7 +80,7 @@ def test_every_grasp_and_every_trusted_symmetry_is_there_once(logged):
     assert len(logged["world/points"].given[0]) == (FRAME.depth > 0).sum()
 
 
-def test_without_rerun_a_sentence_says_how_to_get_it(monkeypatch):
+def test_a_missing_rerun_is_reported_with_the_way_to_install_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(SymgraspError, match="pip install"):
         need_rerun()

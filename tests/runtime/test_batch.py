@@ -1,4 +1,4 @@
-"""The batch runner: skip, collect, report."""
+"""The batch runner: skipping, collecting, reporting."""
 
 import dataclasses
 
@@ -36,7 +36,7 @@ def test_one_bad_item_fails_alone(tmp_path, workers):
     assert report.exit_code == 1
 
 
-def test_a_sentence_of_a_name_that_is_not_utf8_can_be_stored(tmp_path):
+def test_an_error_about_a_name_that_is_not_utf8_can_be_stored(tmp_path):
     def refuse(_item):
         raise SymgraspError("caf\udce9.png: this PNG is cut off")
 
@@ -63,7 +63,7 @@ def test_a_second_run_skips_what_is_finished(tmp_path):
     assert (report.done, report.skipped, report.exit_code) == (["b"], ["a"], 0)
 
 
-def test_other_settings_refuse_instead_of_reusing(tmp_path):
+def test_an_output_of_other_settings_is_refused_and_not_reused(tmp_path):
     run_batch("toy", items(tmp_path, ["a"]), step, QUIET)
     report = run_batch("toy", items(tmp_path, ["a"], setting=2), step, QUIET)
     assert "other settings" in report.failed["a"]
@@ -77,7 +77,7 @@ def test_a_dry_run_writes_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_no_reader_foresaw_fails_its_item_alone_and_says_so(tmp_path, caplog):
+def test_an_unexpected_error_fails_its_item_alone_and_is_reported(tmp_path, caplog):
     def broken(item):
         if item.name == "a":
             return [].index("deep")
@@ -99,7 +99,7 @@ def test_a_fault_of_the_installation_ends_the_batch(tmp_path):
 
 
 @pytest.mark.parametrize("stamp", ["[1, 2]", "3", "[" * 3000, b"\xff", 7, "{", h5py.Empty("f4")])
-def test_an_output_whose_stamp_is_no_json_object_is_somebody_elses(tmp_path, stamp):
+def test_an_output_whose_stamp_is_no_json_object_is_refused(tmp_path, stamp):
     (item,) = items(tmp_path, ["a"])
     item = dataclasses.replace(item, target=tmp_path / "a.h5")
     with h5py.File(item.target, "w") as file:

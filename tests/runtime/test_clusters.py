@@ -26,7 +26,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PLANAR = InferConfig(regions="geometric", method="planar")
 MODULES = {"dask": "distributed", "ray": "ray"}
 
-# What clusters warn of while they start and end is their own affair.
+# Warnings of clusters while they start and end do not matter here.
 pytestmark = pytest.mark.filterwarnings("default")
 
 
@@ -48,10 +48,10 @@ def write_process(item):
     if item.name == "bad":
         raise SymgraspError("bad is bad; good would be right")
     gpus = os.environ.get("CUDA_VISIBLE_DEVICES", "all")
-    told = {"provenance": item.stamp.as_json(), "process": os.getpid(), "gpus": gpus}
-    told |= {"tunables": os.environ.get(TUNABLES)}
-    told |= {"leak": str(process_executor._MAX_MEMORY_LEAK_SIZE)}
-    write_json(item.target, told)
+    content = {"provenance": item.stamp.as_json(), "process": os.getpid(), "gpus": gpus}
+    content |= {"tunables": os.environ.get(TUNABLES)}
+    content |= {"leak": str(process_executor._MAX_MEMORY_LEAK_SIZE)}
+    write_json(item.target, content)
 
 
 def assert_others_do_all_but_the_bad_item(options, folder):
@@ -68,8 +68,8 @@ def test_dasks_workers_are_other_processes_and_a_bad_item_fails_alone(tmp_path):
 
 @pytest.fixture(scope="module")
 def batches(tmp_path_factory):
-    """What two batches tell, the user's tunables, and who lives after; workers end in between."""
-    end_workers()  # those of tests before
+    """Reports of two batches, the user's tunables, and living workers; workers end in between."""
+    end_workers()  # workers of earlier tests
     folder, found = tmp_path_factory.mktemp("batches"), []
     for users in (None, "glibc.malloc.check=0"):
         with pytest.MonkeyPatch.context() as patch:
@@ -79,28 +79,28 @@ def batches(tmp_path_factory):
             work = items(folder / str(users is None), ["a", "b"])
             run_batch("toy", work, write_process, replace(QUIET, workers=2))
             left = os.environ.get(TUNABLES)
-        told = [read_json(item.target) for item in work]
+        reports = [read_json(item.target) for item in work]
         end_workers()
-        alive = [each for each in told if psutil.pid_exists(each["process"])]
-        found.append((told, users, left, alive))
+        alive = [each for each in reports if psutil.pid_exists(each["process"])]
+        found.append((reports, users, left, alive))
     return found
 
 
-def test_workers_that_are_ended_are_gone_and_others_do_the_next_batch(batches):
-    for told, _, _, alive in batches:
-        assert os.getpid() not in {each["process"] for each in told}
+def test_ended_workers_are_gone_and_new_ones_do_the_next_batch(batches):
+    for reports, _, _, alive in batches:
+        assert os.getpid() not in {each["process"] for each in reports}
         assert not alive
 
 
-def test_workers_are_told_of_huge_pages_unless_the_user_tells_them_something(batches):
-    for told, users, left, _ in batches:
-        assert [each["tunables"] for each in told] == [users or HUGE_PAGES] * 2
+def test_workers_use_huge_pages_unless_the_user_sets_tunables(batches):
+    for reports, users, left, _ in batches:
+        assert [each["tunables"] for each in reports] == [users or HUGE_PAGES] * 2
         assert left == users
 
 
-def test_a_worker_that_loads_networks_is_not_taken_for_a_leak(batches):
-    for told, *_ in batches:
-        assert [each["leak"] for each in told] == ["inf"] * 2
+def test_the_memory_of_loaded_networks_is_not_taken_for_a_leak(batches):
+    for reports, *_ in batches:
+        assert [each["leak"] for each in reports] == ["inf"] * 2
 
 
 def end_itself(item):
@@ -109,10 +109,10 @@ def end_itself(item):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no such signal")
-def test_a_worker_that_is_killed_is_one_sentence(tmp_path):
+def test_a_worker_that_is_killed_is_reported_in_one_sentence(tmp_path):
     with pytest.raises(SymgraspError, match=r"a worker process was ended.*fewer --workers"):
         run_batch("toy", items(tmp_path, ["a", "b"]), end_itself, replace(QUIET, workers=2))
-    work = items(tmp_path / "after", ["a", "b"])  # others do the next batch
+    work = items(tmp_path / "after", ["a", "b"])  # new workers do the next batch
     assert run_batch("toy", work, write_process, replace(QUIET, workers=2)).done == ["a", "b"]
     end_workers()
 
@@ -120,7 +120,7 @@ def test_a_worker_that_is_killed_is_one_sentence(tmp_path):
 def is_worker(process):
     try:
         return "LokyProcess" in " ".join(process.cmdline())
-    except psutil.NoSuchProcess:  # a short one, such as those that ask for the processor
+    except psutil.NoSuchProcess:  # a short process, such as a query for the processor
         return False
 
 
@@ -175,7 +175,7 @@ def frames(tmp_path_factory):
 
 
 def find_grasps(frames, output, options):
-    # Imported here, as workers import this module too: toys need nothing that takes long to load.
+    # Imported here, as workers import this module too, and toys need no slow imports.
     from pipelines import infer
 
     return infer.run(infer.InferPaths(frames, output), PLANAR, options)
@@ -183,7 +183,7 @@ def find_grasps(frames, output, options):
 
 @pytest.fixture(scope="module")
 def alone(frames):
-    """What this process writes of the frames, without a cluster."""
+    """The output of this process for the frames, without a cluster."""
     output = frames.parent / "alone.h5"
     find_grasps(frames, output, QUIET)
     return output.read_bytes()
@@ -207,7 +207,7 @@ main()
 """
 
 
-def test_a_command_does_all_itself_where_the_system_has_no_semaphores(frames, alone):
+def test_a_command_starts_no_workers_where_the_system_has_no_semaphores(frames, alone):
     output = frames.parent / "without.h5"
     command = [sys.executable, "-c", WITHOUT_SEMAPHORES, "infer", str(frames), "--out", str(output)]
     options = ["--regions", "geometric", "--method", "planar", "--workers", "2"]
@@ -226,14 +226,14 @@ def client():
         yield client
 
 
-def test_a_client_that_is_there_is_used(client, tmp_path):
+def test_an_existing_client_is_used(client, tmp_path):
     processes = client.run(os.getpid).values()
     with client.as_current():
         run_batch("toy", items(tmp_path, ["a"]), write_process, dask_of(1))
     assert read_json(tmp_path / "a.json")["process"] in processes
 
 
-def test_dask_says_nothing_of_its_connections(client, tmp_path):
+def test_dask_prints_nothing_about_its_connections(client, tmp_path):
     logging.getLogger("distributed").setLevel(logging.INFO)  # as its import does
     with client.as_current():
         run_batch("toy", items(tmp_path, ["a"]), write_process, dask_of(1))
@@ -244,7 +244,7 @@ def test_dask_writes_the_same_bytes_with_1_2_and_3_workers(client, frames, alone
     for workers in (3, 2, 1):
         client.retire_workers(list(client.ncores())[workers:], close_workers=True)
         assert len(client.ncores()) == workers
-        output = frames.parent / f"{workers}.h5"  # files say where their frames lie from there
+        output = frames.parent / f"{workers}.h5"  # paths of frames are relative to the file
         with client.as_current():
             report = find_grasps(frames, output, dask_of(workers))
         assert len(report.done) == 5
@@ -258,10 +258,10 @@ def own_a_ray_cluster(frames, output, folder):
 
     ray.init = partial(ray.init, num_gpus=1)
     options = ray_of(2)
-    with workers_of("ray", 2):  # both batches find it there, as one after the other in a program
+    with workers_of("ray", 2):  # both batches find the cluster, as two batches of one program do
         assert_others_do_all_but_the_bad_item(options, folder)
         find_grasps(frames, output, options)
-        assert not logging.getLogger("ray.util").isEnabledFor(logging.WARNING)  # says nothing
+        assert not logging.getLogger("ray.util").isEnabledFor(logging.WARNING)  # prints nothing
         sys.stdout.write("done\n")
         sys.stdout.flush()
         time.sleep(600)
@@ -276,7 +276,7 @@ own_a_ray_cluster(*map(Path, sys.argv[1:]))
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere ray ends its agents itself")
-def test_rays_workers_write_the_same_bytes_and_end_with_a_killed_owner(frames, alone, tmp_path):
+def test_workers_of_ray_write_the_same_bytes_and_end_with_a_killed_owner(frames, alone, tmp_path):
     pytest.importorskip("ray", reason="the extra `ray` is not installed")
     output = frames.parent / "ray.h5"
     command = [sys.executable, "-c", OWNER, frames, output, tmp_path]
@@ -296,14 +296,16 @@ def test_rays_workers_write_the_same_bytes_and_end_with_a_killed_owner(frames, a
 
 
 @pytest.mark.parametrize("backend", ["dask", "ray"])
-def test_a_cluster_that_is_not_installed_is_one_sentence(tmp_path, monkeypatch, backend):
+def test_a_cluster_that_is_not_installed_is_reported_in_one_sentence(
+    tmp_path, monkeypatch, backend
+):
     monkeypatch.setitem(sys.modules, MODULES[backend], None)
     options = replace(QUIET, backend=backend)
     with pytest.raises(SymgraspError, match=rf'pip install "symgrasp\[{backend}\]"'):
         run_batch("toy", items(tmp_path, ["a"]), write_process, options)
 
 
-def test_a_scheduler_that_does_not_answer_is_one_sentence(tmp_path):
+def test_a_scheduler_that_does_not_answer_is_reported_in_one_sentence(tmp_path):
     options, dask = dask_of(2), pytest.importorskip("dask")
     nobody = {"scheduler-address": "tcp://127.0.0.1:9", "distributed.comm.timeouts.connect": "1s"}
     with dask.config.set(nobody), pytest.raises(SymgraspError, match=r":9 does not answer"):

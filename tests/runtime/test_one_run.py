@@ -1,4 +1,4 @@
-"""One run at a time on an output, and who holds it."""
+"""One run at a time on an output, and the name of the running process."""
 
 import os
 import re
@@ -43,7 +43,7 @@ def run(output, options=None, *, folder=None):
     return [each.name for each in (folder or output).parent.iterdir()]
 
 
-def test_a_second_run_says_who_holds_the_output_and_since_when(tmp_path, holder):
+def test_a_second_run_is_refused_with_the_process_that_holds_the_output(tmp_path, holder):
     found = (
         rf"g\.h5 is being written by another `symgrasp toy`, process {holder.pid} since 2\d{{3}}-"
     )
@@ -66,25 +66,25 @@ def test_a_dry_run_and_the_other_processes_of_torchrun_need_no_lock(tmp_path, ho
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
-def test_a_run_that_is_ended_or_killed_holds_nothing(tmp_path, holder, number):
+def test_a_run_that_is_ended_or_killed_holds_no_lock(tmp_path, holder, number):
     os.kill(holder.pid, number)
     holder.wait()
     assert run(tmp_path / "new" / "g.h5") == [".g.h5.toy.lock"]
     assert not (tmp_path / "new" / ".g.h5.toy.lock").exists()
 
 
-def test_a_lock_leaves_nothing_behind_and_nothing_at_all_where_the_run_wrote_nothing(tmp_path):
+def test_a_lock_leaves_no_file_and_no_folder_where_the_run_wrote_nothing(tmp_path):
     with held(tmp_path / "a" / "b" / "g.h5", "toy"):
         assert (tmp_path / "a" / "b" / ".g.h5.toy.lock").exists()
     assert not list(tmp_path.iterdir())
 
 
-def test_the_output_is_the_first_parameter_that_is_given(tmp_path):
+def test_the_output_is_the_first_given_parameter(tmp_path):
     (tmp_path / "b").mkdir()
     assert run(tmp_path / "a" / "x", folder=tmp_path / "b" / "y") == [".y.toy.lock"]
 
 
-def test_what_cannot_be_locked_is_worked_on_without(tmp_path):
+def test_an_output_that_cannot_be_locked_is_written_without_a_lock(tmp_path):
     (tmp_path / "file").touch()
     with held(tmp_path / "file" / "g.h5", "toy"):
         pass
@@ -95,7 +95,7 @@ def test_what_cannot_be_locked_is_worked_on_without(tmp_path):
 @pytest.mark.parametrize(
     "stage", [p.stem for p in sorted(Path(pipelines.__file__).parent.glob("*.py"))]
 )
-def test_every_stage_that_writes_holds_its_output(stage):
+def test_every_stage_that_writes_locks_its_output(stage):
     text = (Path(pipelines.__file__).parent / f"{stage}.py").read_text(encoding="utf-8")
     if stage not in WRITES_NOTHING and re.search(r"^def run\(", text, re.MULTILINE):
         assert hasattr(import_module(f"pipelines.{stage}").run, "__wrapped__")

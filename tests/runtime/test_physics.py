@@ -1,4 +1,4 @@
-"""MuJoCo as the stages import it."""
+"""The import of MuJoCo by the stages."""
 
 import subprocess
 import sys
@@ -13,7 +13,7 @@ print(*(Path(os.fsdecode(each)).name for each in started), os.environ.get("MUJOC
 """
 
 
-def test_no_process_looks_for_a_renderer():
-    said = subprocess.run([sys.executable, "-c", CODE], capture_output=True, text=True, check=True)
-    assert "python" not in said.stdout
-    assert said.stdout.strip().endswith("None")
+def test_no_process_searches_for_a_renderer():
+    done = subprocess.run([sys.executable, "-c", CODE], capture_output=True, text=True, check=True)
+    assert "python" not in done.stdout
+    assert done.stdout.strip().endswith("None")

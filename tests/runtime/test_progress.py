@@ -1,4 +1,4 @@
-"""Progress off the terminal: lines on stderr while a batch goes on, and what they say."""
+"""Progress without a terminal: lines on stderr while a batch runs, and their content."""
 
 import io
 import sys
@@ -17,11 +17,11 @@ from pipelines.storage.provenance import make_stamp
 @pytest.mark.parametrize(
     ("seconds", "text"), [(-3, "0:00"), (59.6, "1:00"), (3599, "59:59"), (7322, "2:02:02")]
 )
-def test_durations_are_read_at_a_glance(seconds, text):
+def test_durations_are_written_in_short_form(seconds, text):
     assert duration(seconds) == text
 
 
-def test_a_line_says_how_many_of_how_many_and_the_time_left():
+def test_a_line_states_the_finished_items_and_the_time_left():
     assert line("infer", 30, 120, 60.0) == "infer: 30 of 120 done, 3:00 left"
     assert line("infer", 0, 120, 60.0) == "infer: 0 of 120 done"
 
@@ -41,7 +41,7 @@ def test_lines_come_while_one_item_takes_long(monkeypatch):
     assert all(text.startswith("toy: ") for text in stream.getvalue().splitlines())
 
 
-def test_a_batch_shows_lines_unless_it_is_to_be_quiet(tmp_path, monkeypatch):
+def test_a_batch_prints_lines_unless_it_is_quiet(tmp_path, monkeypatch):
     monkeypatch.setattr(progress, "LINE_SECONDS", 0.001)
     items = [WorkItem(name, tmp_path / name, make_stamp("toy", {})) for name in "ab"]
 

@@ -1,4 +1,4 @@
-"""Rates are counted by split, kind and friction, and say what failed."""
+"""Success rates by split, kind and friction, and counts of the reasons for failures."""
 
 from dataclasses import replace
 
@@ -15,8 +15,8 @@ from pipelines.storage.files import read_json
 from pipelines.storage.provenance import make_stamp
 
 
-def trial(kind: str, *what: str) -> TrialRecord:
-    outcomes = {key: Outcome(reason) for key, reason in zip(("0.3", "0.5"), what, strict=True)}
+def trial(kind: str, *reasons: str) -> TrialRecord:
+    outcomes = {key: Outcome(reason) for key, reason in zip(("0.3", "0.5"), reasons, strict=True)}
     return TrialRecord(3, kind, outcomes)
 
 
@@ -30,7 +30,7 @@ FRAMES = [
 FRICTIONS = (0.3, 0.5)
 
 
-def test_a_trial_counts_in_its_split_and_in_all_with_its_kind_and_in_all():
+def test_a_trial_counts_in_its_split_and_in_all_splits_for_its_kind_and_for_all_kinds():
     rates = success_rates(FRAMES, FRICTIONS)
     assert list(rates) == ["seen", "novel", "all"]
     found = {
@@ -59,7 +59,7 @@ def test_reasons_are_counted_by_friction():
     }
 
 
-def test_no_frames_make_no_rates_and_still_tables():
+def test_no_frames_give_no_rates_but_tables():
     content = {
         "frictions": list(FRICTIONS),
         "success": success_rates([], FRICTIONS),
@@ -69,7 +69,7 @@ def test_no_frames_make_no_rates_and_still_tables():
     assert success_tables(content)[0].rows == ()
 
 
-def test_other_methods_stand_apart_and_leave_ours_as_it_is(tmp_path):
+def test_other_methods_have_separate_rates_and_ours_do_not_change(tmp_path):
     stamp, path = make_stamp("test", {}), tmp_path / "success.json"
     write_success(path, FRAMES, FRICTIONS, stamp)
     alone = read_json(path)
@@ -85,7 +85,7 @@ def test_other_methods_stand_apart_and_leave_ours_as_it_is(tmp_path):
     assert random["reasons"]["novel"]["0.3"] == {"dropped": 1}
 
 
-def test_all_methods_stand_below_each_other_in_every_split():
+def test_all_methods_are_listed_below_each_other_in_every_split():
     frames = [replace(FRAMES[0], baselines={"oracle": [trial("sphere", "dropped", "held")]})]
     content = {
         "frictions": list(FRICTIONS),

@@ -1,4 +1,4 @@
-"""Trials of grasps whose outcome anybody can tell, good and bad."""
+"""Trials of good and bad grasps with an obvious outcome."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def wedge(slope: float) -> Mesh:
     return Mesh(np.asarray(hull.vertices), np.asarray(hull.faces))
 
 
-# A shape, how high its middle stands, and the width and height of a centred antipodal grasp.
+# A shape, the height of its middle, and the width and height of a centred antipodal grasp.
 SHAPES = {
     "box": (box(0.06, 0.04, 0.10), 0.05, 0.04, 0.03),
     "can": (can(0.025, 0.08), 0.04, 0.05, 0.01),
@@ -70,7 +70,7 @@ def test_the_same_grasp_drops_with_slippery_fingers(shape):
     assert attempt(*SHAPES[shape], 0.05).reason == "not lifted"
 
 
-def test_a_wall_beside_the_object_stops_the_approach_and_a_far_one_does_not():
+def test_a_wall_next_to_the_object_stops_the_approach_and_a_far_one_does_not():
     mesh, height, width, above = SHAPES["box"]
     grasp = GraspPoses(DOWN, np.array([0.0, 0.0, height + above]), np.array(width))
     pose, fingers = make_pose(np.eye(3), [0.0, 0.0, height]), load_gripper("rg2")
@@ -93,9 +93,9 @@ def test_the_grasp_of_the_box_turned_by_30_degrees_hits_it_if_it_opens_no_wider(
 
 
 def opened_for_30_degrees(axis: np.ndarray, angle: float, friction: float) -> Outcome:
-    """The centred grasp of the box, turned by `angle` degrees, by a gripper that stays free of it.
+    """The centred grasp of the box, turned by `angle` degrees, by a gripper clear of the box.
 
-    It opens for the chord of 4.6 cm that a line through the box's middle has at 30 degrees.
+    The gripper opens for the chord of 4.6 cm through the box's middle at 30 degrees.
     """
     mesh, height, width, above = SHAPES["box"]
     turned = rotation_about(axis, np.radians(angle)) @ DOWN
@@ -106,7 +106,7 @@ def opened_for_30_degrees(axis: np.ndarray, angle: float, friction: float) -> Ou
 def test_the_grasp_of_the_box_tilted_by_30_degrees_loses_it_below_the_tangent(friction):
     # The gripper leans sideways: one finger meets a side with its tip, the other one the opposite
     # edge, and the line between them is 30 degrees off the sides' normals. Below tan 30 = 0.58
-    # nothing but gravity keeps the box from turning until its sides lie flat against the fingers.
+    # only gravity keeps the box from turning until its sides are flat against the fingers.
     assert opened_for_30_degrees(X, 0.0, friction).reason == "held"
     outcome = opened_for_30_degrees(X, 30.0, friction)
     assert outcome.reason in {"not lifted", "dropped", "slipped", "turned"}
@@ -123,7 +123,7 @@ def test_fingers_turned_about_the_vertical_push_the_box_straight_before_they_lif
 
 
 @pytest.mark.parametrize("shape", ["can", "ball"])
-def test_turning_about_the_axis_of_a_round_thing_changes_nothing(shape):
+def test_a_turn_about_the_axis_of_a_round_object_does_not_change_the_outcome(shape):
     turned = rotation_about(Z, np.radians(30.0)) @ DOWN
     assert attempt(*SHAPES[shape], 0.3, turned).reason == "held"
 
@@ -144,7 +144,7 @@ def test_a_long_bar_held_at_its_end_turns_and_held_in_its_middle_does_not():
     assert attempt(bar, 0.01, 0.02, 0.002, 0.5).reason == "held"
 
 
-def test_a_grasp_beside_the_object_lifts_nothing():
+def test_a_grasp_next_to_the_object_lifts_nothing():
     pose = make_pose(np.eye(3), [0.2, 0.0, 0.03])
     grasp = GraspPoses(DOWN, np.array([0.0, 0.0, 0.03]), np.array(0.05))
     trial = Trial.of({0: [ball(0.03)]}, {0: pose}, 0, grasp, load_gripper("rg2"), SimulateConfig())
@@ -171,7 +171,7 @@ def test_an_approach_path_that_starts_inside_a_light_neighbour_is_a_collision(aw
     assert trial.run(0.5).reason == reason
 
 
-def test_tugs_pull_out_what_lifting_alone_leaves_in_the_gripper():
+def test_tugs_pull_out_an_object_that_lifting_alone_leaves_in_the_gripper():
     mesh, height, width, above = SHAPES["ball"]
     grasp = GraspPoses(DOWN, np.array([0.0, 0.0, height + above]), np.array(width))
     pose = make_pose(np.eye(3), [0.0, 0.0, height])
@@ -219,8 +219,8 @@ def test_a_trial_does_not_depend_on_those_before_it():
     assert trial.run(0.5) == first
 
 
-def test_a_scene_whose_numbers_run_away_is_no_success(monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)  # where MuJoCo logs what it warns of
+def test_a_scene_whose_simulation_diverges_is_no_success(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes its log of warnings there
     mesh, height, width, above = SHAPES["can"]
     grasp = GraspPoses(DOWN, np.array([0.0, 0.0, height + above]), np.array(width))
     pose = make_pose(np.eye(3), [0.0, 0.0, height])
@@ -237,7 +237,7 @@ def test_a_scene_whose_numbers_run_away_is_no_success(monkeypatch, tmp_path):
     assert trial.run(0.5).reason == "held"
 
 
-def test_the_fingers_squeeze_with_weights_of_the_object_up_to_what_they_can():
+def test_the_fingers_squeeze_with_multiples_of_the_objects_weight_up_to_their_limit():
     pose = make_pose(np.eye(3), [0.0, 0.0, 0.1])
     grasp = GraspPoses(DOWN, np.array([0.0, 0.0, 0.1]), np.array(0.05))
     config = SimulateConfig()

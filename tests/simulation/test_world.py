@@ -1,4 +1,4 @@
-"""Scenes come to rest where they are, and nothing is flung away."""
+"""Scenes come to rest near their poses, and no object is flung away."""
 
 import mujoco
 import numpy as np
@@ -21,7 +21,7 @@ def moved(before: dict[int, np.ndarray], after: dict[int, np.ndarray]) -> np.nda
     return np.array([np.linalg.norm(after[i][:3, 3] - before[i][:3, 3]) for i in before])
 
 
-def test_what_stands_well_stays():
+def test_standing_objects_stay_in_place():
     poses = standing((0, 0, 0.025), (0.1, 0, 0.025), (0, 0, 0.075))
     rested = at_rest({i: [CUBE] for i in poses}, poses)
     assert moved(poses, rested).max() < 5e-4
@@ -31,13 +31,13 @@ def test_an_empty_table_is_at_rest():
     assert at_rest({}, {}) == {}
 
 
-def test_what_floats_a_little_sinks_onto_the_table():
+def test_an_object_just_above_the_table_sinks_onto_it():
     poses = standing((0, 0, 0.030))
     assert at_rest({0: [CUBE]}, poses)[0][2, 3] == pytest.approx(0.025, abs=5e-4)
 
 
 @pytest.mark.parametrize("overlap", [0.002, 0.02])
-def test_overlapping_objects_are_parted_and_not_flung(overlap):
+def test_overlapping_objects_are_separated_and_not_flung_away(overlap):
     poses = standing((0, 0, 0.025), (0.05 - overlap, 0, 0.025), (0.5, 0, 0.025))
     rested = at_rest({i: [CUBE] for i in poses}, poses)
     assert moved(poses, rested).max() < 1.5 * overlap
@@ -62,7 +62,7 @@ def test_pieces_without_volume_are_refused_in_a_sentence():
         at_rest({0: [sheet]}, standing((0, 0, 0)))
 
 
-def test_what_is_at_rest_stays_at_rest_without_damping():
+def test_objects_at_rest_stay_at_rest_without_damping():
     poses = standing((0, 0, 0.0252), (0, 0, 0.0754), (0.08, 0, 0.0247))
     rested = at_rest({i: [CUBE] for i in poses}, poses)
     spec = empty_world()

@@ -1,8 +1,8 @@
-"""The same bytes whatever surrounds a command: `python -m tests.stages.conditions INPUTS --trace`.
+"""The same bytes under all conditions: `python -m tests.stages.conditions INPUTS --trace`.
 
 Each command runs once as a reference and once under each condition: workers, hash seed, time zone,
-locale, threads. With --trace it runs once more under strace, which sees connections of all its
-processes.
+locale, threads. With --trace it runs once more under strace, which records the connections of
+all its processes.
 """
 
 import argparse
@@ -16,7 +16,7 @@ from pathlib import Path
 
 from tests.stages.interruption import COMMANDS, LONGEST_RUN, ROOT, digests, write_inputs
 
-# Commands that work on what an earlier one of the same line wrote.
+# Commands that read the output of an earlier command of the same line.
 CHAINS = COMMANDS | {
     "labels": f"synthesize {COMMANDS['synthesize']}; annotate-symmetry {{out}}/root --workers 2; "
     "refine-grasps {out}/root --workers 2; pack {out}/root --out {out}/packed --workers 2; "
@@ -27,7 +27,7 @@ CHAINS = COMMANDS | {
     "export {out}/g.h5 --to csv --out {out}/g.csv; workspace {out}/pairs --out {out}/workspace",
     "judged": f"evaluate {COMMANDS['evaluate']}; infer {COMMANDS['infer']}; "
     "evaluate {out}/g.h5 --dataset {root} --out {out}/planar.json --workers 2; "
-    "compare report.json planar.json --out compared.json; "  # which names them as given
+    "compare report.json planar.json --out compared.json; "  # it holds these paths
     "export {grasps} --to graspnet --out {out}/dump; "
     "evaluate {out}/dump --dataset {root} --protocol graspnet --out {out}/ap.json --workers 2; "
     "score-grasps {meshes}/can.ply {out}/dump/scene_0100/realsense/0000.npy --out {out}/scores.npz",
@@ -51,7 +51,7 @@ REMOTE = re.compile(r"(connect|sendto|sendmsg)\(.*sa_family=AF_INET6?,(?!.*\"(12
 
 
 def run(name, inputs, out, condition, before=()):
-    """Run the commands `name` with outputs in `out`; return how they failed, or nothing."""
+    """Run the commands `name` with outputs in `out`; return the failure, or an empty text."""
     condition = dict(condition)
     workers = condition.pop("workers", "2")
     places = {"out": out, "grasps": inputs / "grasps.h5"}
@@ -74,7 +74,7 @@ def run(name, inputs, out, condition, before=()):
 
 
 def written(name, inputs, condition):
-    """Return the digests of what the commands `name` write, or how they failed."""
+    """Return the digests of the outputs of the commands `name`, or the failure."""
     with tempfile.TemporaryDirectory() as folder:
         failed = run(name, inputs, Path(folder), condition)
         return failed or digests(Path(folder))
@@ -92,7 +92,7 @@ def connections(name, inputs):
 
 
 def differing(reference, other):
-    """Return the names of the files that are not the same, or the failure."""
+    """Return the names of the files that differ, or the failure."""
     if isinstance(other, str):
         return other
     names = sorted(reference.keys() | other.keys())
@@ -122,8 +122,8 @@ def main():
         if given.trace:
             found["connections"] = "; ".join(connections(name, given.inputs))
         wrong += sum(map(bool, found.values()))
-        told = {what: how for what, how in found.items() if how} or "the same"
-        sys.stdout.write(f"{name}: {len(reference)} files, {len(found)} conditions: {told}\n")
+        differs = {each: names for each, names in found.items() if names} or "the same"
+        sys.stdout.write(f"{name}: {len(reference)} files, {len(found)} conditions: {differs}\n")
         sys.stdout.flush()
     sys.exit(1 if wrong else 0)
 

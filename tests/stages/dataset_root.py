@@ -94,7 +94,7 @@ def _write_frame(camera: Path, frame_id: int, meshes: list[Mesh], rng: np.random
     ]
     hits = cast_view(Scene(meshes, poses), INTRINSICS, invert(np.eye(4)))
     name = f"{frame_id:04d}"
-    # The table stands behind everything, so that leaking masks find measured points.
+    # The table is behind all objects, so that leaking masks contain measured points.
     write_depth(camera / "depth" / f"{name}.png", np.where(hits.depth > 0, hits.depth, 0.8))
     write_label(camera / "label" / f"{name}.png", hits.object_index + 1)
     shade = np.clip(255 * -hits.normal[..., 2:], 0, 255).astype(np.uint8)

@@ -1,6 +1,6 @@
 """Signals at random moments of a stage: `python -m tests.stages.interruption INPUTS --trials 20`.
 
-A trial starts a command, sends its process a signal after a while, and looks at what is left:
+A trial starts a command, sends its process a signal after a while, and checks the remains:
 processes, temporary files, shared memory, the exit code. Then the command is run again, and its
 files are compared with those of a run that nobody interrupted.
 """
@@ -32,7 +32,7 @@ from tests.stages.toy_grasp_labels import write_rects
 from tests.stages.toy_root import frame_names, true_result, write_grasps, write_root
 
 ROOT = Path(__file__).parents[2]
-# Seconds for the end of a process, and for that of all its children; more for a busy machine.
+# Seconds for the end of a process and of all its children; more for a busy machine.
 LONGEST = float(os.environ.get("SYMGRASP_LONGEST_END", "10"))
 LONGEST_RUN = 600.0
 SMALL_NETWORK = (
@@ -65,7 +65,7 @@ COMMANDS = {
     "--batch-size 2 --micro-batch 1 --device cpu --threads 1 --workers 2",
 }
 TRAININGS = ("train", "finetune-detector", "train-baseline")
-# These go on until a signal; the seconds are those within which it comes.
+# These commands run until a signal, which comes within the given seconds.
 ENDLESS = {
     "infer --watch": "{root} --out {out}/g.h5 --regions geometric --method planar",
     "train --endless": "{root} {packed} --out {out}/n.safetensors --epochs 999 --batch-size 6 "
@@ -98,7 +98,7 @@ def write_inputs(folder):
 
 @dataclass
 class Stage:
-    """A command, what it writes where nobody interrupts it, and how long that takes."""
+    """A command, its uninterrupted outputs, and the seconds it takes."""
 
     name: str
     inputs: Path
@@ -125,7 +125,7 @@ class Stage:
         return done.stderr
 
     def refer(self):
-        """Run the command undisturbed, in a folder as deep as those of trials: files name paths."""
+        """Run the command undisturbed, in a folder as deep as the trials': files contain paths."""
         with tempfile.TemporaryDirectory() as folder:
             self.run(Path(folder))
             self.files = digests(Path(folder))
@@ -150,10 +150,10 @@ def digests(folder):
 
 @dataclass
 class Outcome:
-    """How an interrupted run ended: exit code, standard error, seconds, and what was wrong."""
+    """The end of an interrupted run: exit code, standard error, seconds, and the faults."""
 
     code: int
-    said: str
+    stderr: str
     seconds: float
     wrong: list[str]
 
@@ -166,7 +166,7 @@ def trial(stage, number, moment, *, again, to_group=False):
         wrong = outcome.wrong
         if number != signal.SIGKILL:
             wrong += hidden(out)
-            is_training = f"stopped by {signal.Signals(number).name} after" in outcome.said
+            is_training = f"stopped by {signal.Signals(number).name} after" in outcome.stderr
             if is_training and not list(out.glob("*.checkpoint.safetensors")):
                 wrong.append("no checkpoint")
         if again:
@@ -180,7 +180,7 @@ def trial(stage, number, moment, *, again, to_group=False):
 
 
 def interrupted(command, number, moment, *, to_group):
-    """Run `command`, send it or its group a signal, and see how it ends and what it leaves."""
+    """Run `command`, send it or its group a signal, and return its end and remains."""
     pipe, nothing = subprocess.PIPE, subprocess.DEVNULL
     process = subprocess.Popen(
         command, cwd=ROOT, stdout=nothing, stderr=pipe, text=True, start_new_session=True
@@ -195,13 +195,13 @@ def interrupted(command, number, moment, *, to_group):
         wrong.append("children alive")
     if has_processes(process.pid):
         os.killpg(process.pid, signal.SIGKILL)
-    said, code = process.communicate()[1], process.returncode
-    # The interpreter's own start, before our first instruction, is not ours.
-    if not (code == -number or "init_import_site" in said):
-        wrong += [word for word in ("Traceback", "Warning") if word in said]
+    stderr, code = process.communicate()[1], process.returncode
+    # Errors in the start of the interpreter, before our first instruction, do not count.
+    if not (code == -number or "init_import_site" in stderr):
+        wrong += [word for word in ("Traceback", "Warning") if word in stderr]
         wrong += [] if code in {0, 128 + number} else [f"exit code {code}"]
     wrong += [f"{each.name} is left" for each in shared_memory(process.pid)]
-    return Outcome(code, said, seconds, wrong)
+    return Outcome(code, stderr, seconds, wrong)
 
 
 def wait_for(condition):
@@ -272,7 +272,7 @@ def main():
     given = parser.parse_args()
     if not given.inputs.exists():
         write_inputs(given.inputs)
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # children of `&` ignore it otherwise
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # children of `&` ignore it
     numbers = [signal.Signals[each] for each in given.signals.split(",")]
     stages = given.stages.split(",")
     many(given.inputs, given.log, stages, numbers, given.trials, given.start_up, given.seed)

@@ -1,7 +1,7 @@
 """Real frames with masks drawn by a person, as taken and changed in ways that keep the masks true.
 
-A change stands for a camera that was held, made or disturbed otherwise: what holds of the frames as
-taken by luck alone does not hold of all of them.
+A change imitates a camera with another pose, build or disturbance: a result that holds for the
+frames as taken only by chance does not hold for all changes.
 """
 
 import json
@@ -20,7 +20,7 @@ from tests.grasp_files.whole_file import read_whole
 
 FRAMES = Path(__file__).parents[3] / "shared" / "frames"
 SOURCES = ("mosd", "m2t2_realsense", "zerograsp_stereo", "6dofgraspnet_realsense")
-MIN_PIXELS = 400  # smaller instances are left out, as taken or changed
+MIN_PIXELS = 400  # smaller instances are left out, in frames as taken and changed
 ROLL = np.radians(20.0)
 SMALLER, LARGER, NEARER = 0.75, 1.25, 0.8
 NOISE, LOST = 3.6e-3, 0.04  # of the squared depth, per metre; share of the pixels
@@ -170,7 +170,7 @@ def seen_by_eye() -> dict:
 
 
 def labelled_frames() -> list[LabelledFrame]:
-    """Every frame of `SOURCES` whose instances were looked at."""
+    """Every frame of `SOURCES` whose instances a person has examined."""
     records = json.loads((FRAMES / "frames.json").read_text())
     up = {f"{each['source']}/{each['name']}": each["table_plane_auto"]["n"] for each in records}
     return [
@@ -188,7 +188,7 @@ def labelled_frames() -> list[LabelledFrame]:
 
 
 def instances_of(change: Callable[[LabelledFrame], LabelledFrame], folder: Path) -> list[Instance]:
-    """Every labelled instance of the changed frames, as `infer` with default weights sees it."""
+    """Every labelled instance of the changed frames, as found by `infer` with default weights."""
     frames, seen = [change(frame) for frame in labelled_frames()], seen_by_eye()
     (folder / "frames").mkdir()
     for frame in frames:
@@ -209,13 +209,13 @@ def found(frame: LabelledFrame, result, seen: dict) -> list[Instance]:
     masks = [result.regions.mask(i, *result.size) for i in range(len(result.regions))]
     instances = []
     for number in np.unique(frame.label[frame.label > 0]).tolist():
-        mask, said = frame.label == number, seen.get(str(number), {})
+        mask, noted = frame.label == number, seen.get(str(number), {})
         if mask.sum() < MIN_PIXELS:
             continue
         overlap = [(mask & each).sum() / (mask | each).sum() for each in masks]
         best = int(np.argmax(overlap))
         direction = np.asarray(result.regions.symmetry_direction[best], np.float64)
-        told = said.get("shape", ""), bool(said.get("upright")), said.get("symmetry", "")
+        truth = noted.get("shape", ""), bool(noted.get("upright")), noted.get("symmetry", "")
         name = f"{frame.key}#{number}"
-        instances.append(Instance(name, *told, float(overlap[best]), direction, frame.up))
+        instances.append(Instance(name, *truth, float(overlap[best]), direction, frame.up))
     return instances

@@ -1,4 +1,4 @@
-"""The annotate-symmetry stage: files in, files out."""
+"""The annotate-symmetry stage, from meshes to annotation files."""
 
 import json
 import shutil
@@ -41,7 +41,7 @@ def run(source, out=None, options=QUIET):
     return annotate_symmetry.run(source, out, QUICK, options=options)
 
 
-def test_a_folder_of_meshes_becomes_a_folder_of_json(tmp_path):
+def test_a_folder_of_meshes_gives_a_folder_of_json(tmp_path):
     report = run(write_meshes(tmp_path / "meshes"), tmp_path / "out")
     assert report.done == ["box", "can", "pair"]
     can = symmetry_labels.read(tmp_path / "out" / "can.json")
@@ -51,7 +51,7 @@ def test_a_folder_of_meshes_becomes_a_folder_of_json(tmp_path):
     assert not pair.symmetries
 
 
-def test_uncut_objects_are_one_region_if_they_are_symmetric_and_none_if_not(tmp_path):
+def test_uncut_objects_have_one_region_if_they_are_symmetric_and_none_if_not(tmp_path):
     meshes, uncut = write_meshes(tmp_path / "meshes"), replace(QUICK, cut_objects=False)
     report = annotate_symmetry.run(meshes, tmp_path / "out", uncut, options=QUIET)
     assert report.notes["pair"] == "no symmetry; regions: none"
@@ -62,7 +62,7 @@ def test_uncut_objects_are_one_region_if_they_are_symmetric_and_none_if_not(tmp_
         assert found == [kinds] * count
 
 
-def test_the_file_says_what_the_symmetries_are_and_how_it_was_made(tmp_path):
+def test_the_file_holds_the_symmetries_and_how_it_was_made(tmp_path):
     mesh = write_meshes(tmp_path / "meshes") / "can.ply"
     run(mesh, tmp_path / "out")
     content = json.loads((tmp_path / "out" / "can.json").read_text())
@@ -72,7 +72,7 @@ def test_the_file_says_what_the_symmetries_are_and_how_it_was_made(tmp_path):
     assert abs(axis["axis"][2]) > 0.9999
 
 
-def test_a_dataset_root_gets_its_symmetry_folder_and_regions_by_hand_win(tmp_path):
+def test_a_dataset_root_gets_a_symmetry_folder_and_regions_by_hand_take_precedence(tmp_path):
     root = GraspNetRoot(tmp_path)
     write_mesh(root.model_path(0), shapes()[0])
     root.region_path(0).parent.mkdir()
@@ -98,7 +98,7 @@ def test_loose_meshes_need_a_folder_to_write_to(tmp_path):
         run(write_meshes(tmp_path))
 
 
-def test_a_folder_without_meshes_is_one_sentence(tmp_path):
+def test_a_folder_without_meshes_is_reported_in_one_sentence(tmp_path):
     with pytest.raises(SymgraspError, match="no meshes"):
         run(tmp_path, tmp_path / "out")
 
@@ -124,7 +124,7 @@ BAD = {
 }
 
 
-def test_bad_meshes_are_a_sentence_each_and_the_rest_is_done(tmp_path):
+def test_bad_meshes_give_one_sentence_each_and_the_rest_is_done(tmp_path):
     folder = tmp_path / "meshes"
     write_mesh(folder / "can.ply", shapes()[1])
     for name, content in BAD.items():
@@ -137,7 +137,7 @@ def test_bad_meshes_are_a_sentence_each_and_the_rest_is_done(tmp_path):
     assert not any("\n" in sentence for sentence in report.failed.values())
 
 
-def test_degenerate_and_repeated_triangles_change_nothing_but_the_note(tmp_path):
+def test_degenerate_and_repeated_triangles_change_only_the_note(tmp_path):
     can = shapes()[1]
     spoilt = Mesh(can.vertices, np.concatenate([can.faces, can.faces[:9], [[0, 0, 1], [5, 5, 5]]]))
     write_mesh(tmp_path / "can.ply", spoilt)
@@ -157,7 +157,7 @@ def test_regions_hold_the_repetitions_of_their_triangles(tmp_path):
     assert len(triangles) == len(np.unique(triangles)) == 2 * len(pair.faces)
 
 
-def test_millimetres_are_named_in_a_warning_and_mended_by_the_scale(tmp_path, caplog):
+def test_millimetres_give_a_warning_and_are_corrected_by_the_scale(tmp_path, caplog):
     can = shapes()[1]
     write_mesh(tmp_path / "can.ply", Mesh(1000.0 * can.vertices, can.faces))
     run(tmp_path / "can.ply", tmp_path / "mm")
@@ -203,7 +203,7 @@ def labels_of(folder):
     return symmetry_labels.read(folder / "out" / "box.json")
 
 
-def test_a_correction_is_made_to_the_finished_annotation_and_recorded(box):
+def test_a_correction_changes_the_finished_annotation_and_is_recorded(box):
     before = labels_of(box)
     assert corrected(box, [DROP]).done == ["box"]
     after = labels_of(box)
@@ -215,7 +215,7 @@ def test_a_correction_is_made_to_the_finished_annotation_and_recorded(box):
     assert "edits" in content["provenance"]["inputs"]
 
 
-def test_a_correction_before_the_annotation_is_as_one_after_it(box):
+def test_a_correction_before_the_annotation_equals_one_after_it(box):
     corrected(box, [DROP])
     after = (box / "out" / "box.json").read_text()
     (box / "out" / "box.json").unlink()
@@ -223,7 +223,7 @@ def test_a_correction_before_the_annotation_is_as_one_after_it(box):
     assert (box / "out" / "box.json").read_text() == after
 
 
-def test_work_by_hand_outlives_a_run_without_it(box):
+def test_corrections_survive_a_run_without_them(box):
     corrected(box, [DROP])
     corrections = (box / "out" / "box.json").read_bytes()
     assert run(box / "box.ply", box / "out").skipped == ["box"]
@@ -233,7 +233,7 @@ def test_work_by_hand_outlives_a_run_without_it(box):
     assert (box / "out" / "box.json").read_bytes() == corrections
 
 
-def test_the_same_corrections_are_skipped_and_others_start_from_what_was_found(box):
+def test_the_same_corrections_are_skipped_and_others_start_from_the_found_symmetries(box):
     corrected(box, [DROP])
     assert corrected(box, [DROP]).skipped == ["box"]
     assert corrected(box, []).done == ["box"]
@@ -241,7 +241,7 @@ def test_the_same_corrections_are_skipped_and_others_start_from_what_was_found(b
     assert len(again.symmetries) == len(again.found) == 4
 
 
-def test_an_added_symmetry_is_measured_and_a_bad_one_is_warned_of(box):
+def test_an_added_symmetry_is_measured_and_a_bad_one_gives_a_warning(box):
     tilted = {"kind": "reflection", "normal": [0.6, 0.8, 0.0], "point": [0, 0, 0]}
     report = corrected(box, [DROP, {"add": tilted}])
     assert "does not fit" in report.notes["box"]
@@ -259,7 +259,7 @@ def test_an_object_without_symmetry_after_correction_is_cut_into_parts_anew(box)
     assert labels_of(box).regions
 
 
-def test_corrections_of_an_object_that_is_not_there_list_what_is(box):
+def test_corrections_of_an_unknown_object_are_refused_with_the_known_objects(box):
     report = corrected(box, [DROP], name="cup")
     assert report.skipped == ["box"]
     assert "there are box" in report.failed["cup"]
@@ -291,7 +291,7 @@ def test_pictures_are_made_of_finished_annotations_and_only_once(box):
     assert "pictures" in draw().notes
 
 
-def test_bops_file_is_written_and_one_of_others_is_not_replaced(box):
+def test_bops_file_is_written_and_a_file_of_others_is_not_replaced(box):
     path = box / "models_info.json"
     extras = AnnotationExtras(bop=path)
     annotate_symmetry.run(box / "box.ply", box / "out", QUICK, extras=extras, options=QUIET)
@@ -303,7 +303,7 @@ def test_bops_file_is_written_and_one_of_others_is_not_replaced(box):
         annotate_symmetry.run(box / "box.ply", box / "out", QUICK, extras=extras, options=QUIET)
 
 
-def test_bops_rotation_wins_over_the_one_found(tmp_path):
+def test_bops_rotation_replaces_the_one_found(tmp_path):
     write_mesh(tmp_path / "obj_000004.ply", shapes()[1])
     axis = {"axis": [0, 0, 1], "offset": [0, 0, 0]}
     path = tmp_path / "models_info.json"
@@ -326,7 +326,7 @@ def given_by_bop(tmp_path, content):
     return annotate_symmetry.run(tmp_path, tmp_path / "out", QUICK, extras=extras, options=QUIET)
 
 
-def test_objects_that_bops_file_says_nothing_of_are_named(tmp_path):
+def test_objects_missing_in_bops_file_are_named(tmp_path):
     for number in (4, 5):
         write_mesh(tmp_path / f"obj_{number:06d}.ply", shapes()[1])
     axis = {"axis": [0, 0, 1], "offset": [0, 0, 0]}
@@ -343,7 +343,7 @@ def test_bops_file_of_other_objects_is_refused_before_any_is_annotated(tmp_path)
 
 
 @pytest.mark.parametrize("stamp", ["me", {"inputs": "me"}])
-def test_a_file_by_hand_in_the_way_of_an_annotation_fails_alone(box, stamp):
+def test_an_annotation_that_would_replace_a_handmade_file_fails_alone(box, stamp):
     write_mesh(box / "can.ply", shapes()[1])
     (box / "out" / "can.json").write_text(json.dumps({"symmetries": [], "provenance": stamp}))
     report = run(box, box / "out")

@@ -60,7 +60,7 @@ def judged(rng: np.random.Generator, keys: list[str], num_truth: int) -> ScoredP
 
 
 def frame(name: str, split: str, better: float, seed: int, objects: int = 3) -> FrameRecord:
-    """Three objects of random quality, `better` by as much; random symmetries and masks."""
+    """Three objects of random quality, raised by `better`; random symmetries and masks."""
     place = crc32(name.encode())
     rng, shared = np.random.default_rng([seed, place]), np.random.default_rng(place)
     quality = shared.uniform(0.1, 0.5, objects) + better
@@ -129,7 +129,7 @@ def test_every_run_is_compared_with_the_first(tmp_path):
     assert values == pytest.approx([0.2, -0.05])
 
 
-def test_frames_that_only_one_run_has_are_left_out_and_said(tmp_path):
+def test_frames_of_only_one_run_are_left_out_and_reported(tmp_path):
     paths = [write_run(tmp_path / "a", frames=5), write_run(tmp_path / "b", frames=3)]
     found = compare.run(paths, CONFIG)
     assert figure(found, "grasp_quality").frames == 6
@@ -137,7 +137,7 @@ def test_frames_that_only_one_run_has_are_left_out_and_said(tmp_path):
     assert found.notes[1].startswith("4 of the 10 frames of a ")
 
 
-def test_scenes_are_drawn_whole_if_asked_for(tmp_path):
+def test_whole_scenes_are_drawn_if_requested(tmp_path):
     paths = [write_run(tmp_path / "a"), write_run(tmp_path / "b", seed=1)]
     frames, scenes = (
         figure(compare.run(paths, replace(CONFIG, unit=unit)), "symmetry_ap rotation")
@@ -149,7 +149,7 @@ def test_scenes_are_drawn_whole_if_asked_for(tmp_path):
         compare.run(paths, replace(CONFIG, unit="object"))
 
 
-def test_other_settings_and_labels_are_said(tmp_path):
+def test_other_settings_and_labels_are_reported(tmp_path):
     paths = [write_run(tmp_path / "a"), write_run(tmp_path / "b", gripper="franka", labels="b")]
     notes = " ".join(compare.run(paths, CONFIG).notes)
     assert "other settings: gripper franka instead of rg2" in notes
@@ -178,7 +178,7 @@ def test_records_of_another_run_than_the_report_are_refused(tmp_path):
         compare.run([first, second], CONFIG)
 
 
-def test_a_record_whose_lists_disagree_is_a_sentence(tmp_path):
+def test_a_record_whose_lists_disagree_is_reported_in_one_sentence(tmp_path):
     first, second = write_run(tmp_path / "a"), write_run(tmp_path / "b")
     scene = next(records_folder(second).iterdir())
     content = json.loads(scene.read_text())
@@ -188,7 +188,7 @@ def test_a_record_whose_lists_disagree_is_a_sentence(tmp_path):
         compare.run([first, second], CONFIG)
 
 
-def test_a_report_without_records_names_what_writes_them(tmp_path):
+def test_a_report_without_records_is_refused_with_the_command_that_writes_them(tmp_path):
     first, second = write_run(tmp_path / "a"), write_run(tmp_path / "b")
     records_folder(second).rename(tmp_path / "moved")
     with pytest.raises(MissingInputError, match="evaluate"):
@@ -204,7 +204,7 @@ def test_the_same_report_twice_or_an_unknown_row_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".json", ".html"])
-def test_the_written_comparison_is_the_same_each_time_and_never_replaced_unasked(tmp_path, suffix):
+def test_a_written_comparison_is_reproducible_and_replaced_only_on_request(tmp_path, suffix):
     paths = [write_run(tmp_path / "a"), write_run(tmp_path / "b", seed=3)]
     output = tmp_path / f"out{suffix}"
     compare.run(paths, CONFIG, output)
@@ -231,7 +231,7 @@ def test_the_page_needs_no_network_and_the_file_is_plain_json(tmp_path):
     assert found["value"] == pytest.approx(0.1)
 
 
-def test_names_are_as_short_as_tells_runs_apart():
+def test_names_are_the_shortest_that_distinguish_runs():
     def names(*paths: str) -> list[str]:
         return compare.run_names([Path("/runs") / path for path in paths])
 
@@ -250,7 +250,7 @@ def test_tables_have_a_cell_for_every_head(tmp_path):
 
 
 def write_dump_run(folder: Path, better: float = 0.0) -> Path:
-    """Write a report by GraspNet's protocol, two cameras; accuracies are `better` by as much."""
+    """Write a report by GraspNet's protocol, two cameras; accuracies are raised by `better`."""
     path, config = folder / "report.json", EvaluateDumpConfig()
     for camera in ("kinect", "realsense"):
         rng = np.random.default_rng(len(camera))
@@ -284,16 +284,16 @@ def test_the_ap_of_a_dump_is_that_of_its_report(tmp_path):
         assert figure(found, metric).values[0] == pytest.approx(totals.figures()[metric])
 
 
-def test_a_dump_and_a_file_of_grasps_have_nothing_to_compare(tmp_path):
+def test_a_dump_and_a_file_of_grasps_cannot_be_compared(tmp_path):
     paths = [write_run(tmp_path / "a"), write_dump_run(tmp_path / "b")]
     with pytest.raises(SymgraspError, match="different protocols"):
         compare.run(paths, CONFIG)
 
 
 def write_trials_run(folder: Path, held: float, frictions=(0.3, 0.5), **options) -> Path:
-    """Write a success.json with trials of which about a share of `held` succeed at 0.5.
+    """Write a success.json with trials; about a share of `held` succeeds at friction 0.5.
 
-    `options`: objects of a frame, frames of a scene, of whom these trials are.
+    `options`: objects of a frame, frames of a scene, the method of the trials.
     """
     path = folder / "success.json"
     stamp = make_stamp("simulate", {"lift": 0.15}, inputs={"grasps": folder.name})
@@ -337,10 +337,10 @@ def test_simulated_trials_are_compared_by_success_at_each_friction(tmp_path):
 def test_the_interval_of_success_is_paired(tmp_path):
     same = [write_trials_run(tmp_path / name, 0.5) for name in "ab"]
     found = figure(compare.run(same, CONFIG), "success 0.5").differences[0]
-    assert (found.low, found.high) == (0.0, 0.0)  # what is hard for one is as hard for the other
+    assert (found.low, found.high) == (0.0, 0.0)  # an object is equally hard for both runs
 
 
-def test_trials_are_paired_at_the_frictions_and_on_the_frames_that_both_have(tmp_path):
+def test_trials_are_paired_at_common_frictions_on_common_frames(tmp_path):
     first = write_trials_run(tmp_path / "a", 0.5)
     second = write_trials_run(tmp_path / "b", 0.5, frictions=(0.5, 0.8), frames=3)
     found = compare.run([first, second], CONFIG)
@@ -364,7 +364,7 @@ def test_trials_that_cannot_be_paired_are_refused_in_a_sentence(tmp_path):
         compare.run([first, second], CONFIG)
 
 
-def test_wrong_usage_is_told_from_bad_data(tmp_path):
+def test_wrong_usage_and_bad_data_have_different_exit_codes(tmp_path):
     paths = [str(write_run(tmp_path / name)) for name in "ab"]
     assert CliRunner().invoke(app, ["compare", paths[0]]).exit_code == 2
     assert CliRunner().invoke(app, ["compare", *paths, "--out", "x.txt"]).exit_code == 2

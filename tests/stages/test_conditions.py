@@ -1,4 +1,4 @@
-"""Outputs are the same whatever surrounds a command, and no command opens a connection.
+"""Outputs are the same under all conditions, and no command opens a connection.
 
 `python -m tests.stages.conditions --help` tries all commands.
 """
@@ -46,7 +46,7 @@ def test_infer_connects_to_no_other_machine(inputs, tmp_path):
     assert (tmp_path / "g.h5").exists()
 
 
-def test_the_guard_sees_a_connection():
+def test_the_audit_hook_ends_a_process_that_connects():
     code = GUARDED.replace(
         "from symgrasp_cli.main import main\nmain()",
         "import socket; socket.socket().connect(('192.0.2.1', 80))",

@@ -1,4 +1,4 @@
-"""`convert-frames`: any layout as flat pairs, to the last bit; pickles only if trusted."""
+"""`convert-frames`: any layout to flat pairs, to the last bit; pickles only if trusted."""
 
 import os
 from pathlib import Path
@@ -61,7 +61,7 @@ class Evil:
         return os.system, ("touch flag",)
 
 
-def test_a_trusted_pickle_still_runs_nothing(
+def test_no_code_of_a_trusted_pickle_is_run(
     pickled: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -83,7 +83,9 @@ def test_a_second_run_skips_and_other_settings_are_refused(pickled: Path, tmp_pa
         convert_frames.run(pickled, tmp_path / "mine", TRUSTING, overwrite=True)
 
 
-def test_a_real_pickle_of_python_2_becomes_the_flat_frame(shared: Path, tmp_path: Path) -> None:
+def test_a_real_pickle_of_python_2_is_converted_to_the_flat_frame(
+    shared: Path, tmp_path: Path
+) -> None:
     native = shared / "frames/6dofgraspnet_realsense/native/blue_mug.npy"
     convert_frames.run(native, tmp_path / "out", TRUSTING)
     frame = find_frames(tmp_path / "out")[0].read()
@@ -92,7 +94,7 @@ def test_a_real_pickle_of_python_2_becomes_the_flat_frame(shared: Path, tmp_path
     assert_array_equal(frame.color, flat.read().color)
 
 
-def test_the_command(pickled: Path, tmp_path: Path) -> None:
+def test_the_command_converts_frames(pickled: Path, tmp_path: Path) -> None:
     arguments = ["convert-frames", str(pickled), "--out", str(tmp_path / "out")]
     refused = CliRunner().invoke(app, arguments)
     assert refused.exit_code == 1

@@ -1,4 +1,4 @@
-"""Stage `doctor`: one line each, and exit code 1 if something is off."""
+"""Stage `doctor`: one line for each check, and exit code 1 if a check fails."""
 
 import json
 import shutil
@@ -20,7 +20,7 @@ from tests.grasp_files.whole_file import read_whole
 STALE = f"the manifest of the default weights is not of these weights: run `{MADE_BY}`"
 
 
-def test_this_machine_is_fit_and_everything_is_named():
+def test_this_machine_passes_and_every_check_is_listed():
     result = CliRunner().invoke(app, ["doctor", "--json"])
     content = json.loads(result.stdout)
     wrong = [check for check in content["checks"] if check["status"] == "FAIL"]
@@ -47,7 +47,7 @@ def with_a_broken(name, monkeypatch):
 
 
 @pytest.mark.parametrize("broken", ["torchvision", "scipy"])
-def test_a_broken_package_hides_only_what_needs_it(monkeypatch, broken):
+def test_a_broken_package_fails_only_the_checks_that_need_it(monkeypatch, broken):
     checks = with_a_broken(broken, monkeypatch)
     assert doctor.exit_code(checks) == 1
     names = {check.name for check in checks}
@@ -56,7 +56,7 @@ def test_a_broken_package_hides_only_what_needs_it(monkeypatch, broken):
     assert checks[-1].text == f"not checked: {broken} must be fixed first"
 
 
-def test_whatever_breaks_is_one_line_and_the_rest_goes_on(monkeypatch):
+def test_a_check_that_breaks_gives_one_line_and_the_rest_goes_on(monkeypatch):
     def broken(*arguments):
         raise ZeroDivisionError("a\nb")
 
@@ -68,7 +68,7 @@ def test_whatever_breaks_is_one_line_and_the_rest_goes_on(monkeypatch):
     assert checks["weights network"].status is Status.OK
 
 
-def test_other_weights_than_those_shipped_are_told(tmp_path):
+def test_weights_other_than_the_shipped_ones_are_reported(tmp_path):
     (tmp_path / "a.safetensors").write_bytes(b"other")
     check = golden.file_check("a.safetensors", "sha256:0", tmp_path)
     assert check.status is Status.FAIL
@@ -76,14 +76,14 @@ def test_other_weights_than_those_shipped_are_told(tmp_path):
     assert "does not exist" in golden.file_check("b", "sha256:0", tmp_path).text
 
 
-def test_a_lost_manifest_is_a_failure_of_one_sentence(tmp_path):
+def test_a_lost_manifest_fails_with_one_sentence(tmp_path):
     manifest, check = golden.manifest_check(tmp_path)
     assert manifest is None
     assert check.status is Status.FAIL
     assert "manifest.json does not exist" in check.text
 
 
-def test_the_manifest_is_what_its_command_writes(tmp_path):
+def test_the_manifest_equals_the_output_of_its_command(tmp_path):
     tool_scripts.load("golden_frame").main(tmp_path)
     made, kept = (read_manifest(manifest_path(f)) for f in (tmp_path, models.WEIGHTS))
     assert (kept.files, kept.frame) == (made.files, made.frame), STALE
@@ -93,7 +93,7 @@ def test_the_manifest_is_what_its_command_writes(tmp_path):
     assert golden.agree(made.grasps, kept.grasps, config).sum() >= least, STALE
 
 
-def test_the_golden_frame_is_what_infer_finds_in_it(tmp_path):
+def test_the_golden_grasps_equal_the_grasps_of_infer(tmp_path):
     kept = read_manifest(manifest_path(models.WEIGHTS))
     for path in golden.FRAMES.glob(f"{kept.frame}_*"):
         (tmp_path / "frames").mkdir(exist_ok=True)

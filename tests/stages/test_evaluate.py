@@ -72,7 +72,7 @@ def truth_report(root, truth_file, tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def judged(root, truth_file, tmp_path_factory) -> Path:
-    """A report of the truth alone, beside no other method."""
+    """A report of the truth alone, without other methods."""
     output = tmp_path_factory.mktemp("judged") / "report.json"
     assert len(run(truth_file, root, output).done) == len(SCENES)
     return output
@@ -80,7 +80,7 @@ def judged(root, truth_file, tmp_path_factory) -> Path:
 
 @pytest.fixture
 def output(judged, tmp_path) -> Path:
-    """A copy of that report and its records, to go on from."""
+    """A copy of that report and its records, for a further run."""
     return shutil.copytree(judged.parent, tmp_path, dirs_exist_ok=True) / judged.name
 
 
@@ -133,7 +133,7 @@ def test_a_stray_picture_that_infer_failed_on_is_left_out(root, tmp_path):
 
 
 @pytest.mark.parametrize("below", ["scenes", "scenes/scene_0100", "scenes/scene_0100/realsense"])
-def test_frames_of_a_part_of_a_dataset_are_judged_as_those_of_the_whole(
+def test_frames_of_a_part_of_a_dataset_are_judged_as_in_the_whole(
     root, truth_file, truth_report, tmp_path, below
 ):
     whole = read_index(truth_file).names
@@ -157,7 +157,9 @@ def test_frames_of_a_part_of_a_dataset_are_judged_as_those_of_the_whole(
     assert [record.name for record in part] == [record.name for record in all_of_it]
 
 
-def test_meshes_that_look_inward_are_judged_as_they_are_meant(truth_file, truth_report, tmp_path):
+def test_meshes_with_inward_normals_are_judged_as_if_turned_outward(
+    truth_file, truth_report, tmp_path
+):
     turned = write_root(tmp_path / "root")
     for object_id in turned.object_ids():
         path = turned.model_path(object_id)
@@ -169,7 +171,7 @@ def test_meshes_that_look_inward_are_judged_as_they_are_meant(truth_file, truth_
     assert figures(tmp_path / "report.json")["grasp_quality"] == pytest.approx(expected, abs=0.02)
 
 
-def test_scenes_count_in_their_split(truth_report):
+def test_every_scene_counts_in_its_split(truth_report):
     counted = {s: figures(truth_report, split=s)["frames"] for s in ("seen", "similar", "novel")}
     assert counted == {"seen": 2, "similar": 0, "novel": 2}
     assert figures(truth_report)["objects"] == 12
@@ -181,7 +183,7 @@ def test_a_split_without_frames_has_no_figures(truth_report):
     assert found["symmetry_ap"]["sphere"] is None
 
 
-def test_the_oracle_holds_objects_and_chance_does_no_better(truth_report):
+def test_the_oracle_holds_objects_and_random_grasps_are_no_better(truth_report):
     oracle = figures(truth_report, "oracle")
     assert oracle["grasp_quality"] > 0.5
     assert oracle["symmetry_ap"] == {"reflection": 1.0, "rotation": 1.0, "sphere": 1.0}
@@ -198,7 +200,7 @@ def test_the_page_holds_tables_and_frames_and_needs_no_network(truth_report):
     assert "http" not in page
 
 
-def test_a_frame_without_its_image_is_named_and_the_report_is_whole(truth_file, tmp_path):
+def test_a_frame_without_its_image_is_named_and_the_report_is_complete(truth_file, tmp_path):
     root = write_root(tmp_path / "root")
     for name in frame_names():
         root.frame(name).path("rgb").unlink()
@@ -220,9 +222,7 @@ def write_success(path: Path, grasps: Path, **content) -> Path:
     return path
 
 
-def test_success_stands_in_the_figures_and_needs_no_second_judging(
-    root, truth_file, output, tmp_path
-):
+def test_success_is_added_to_the_figures_without_judging_again(root, truth_file, output, tmp_path):
     success = write_success(tmp_path / "success.json", truth_file)
     assert run(truth_file, root, output, success=success).done == []
     assert figures(output)["success"]["sphere"]["held"] == 15
@@ -233,7 +233,7 @@ def test_success_stands_in_the_figures_and_needs_no_second_judging(
     assert "75 (53-89)" in output.with_suffix(".html").read_text()
 
 
-def test_success_of_other_methods_stands_in_their_rows(root, truth_file, tmp_path):
+def test_success_of_other_methods_is_in_their_rows(root, truth_file, tmp_path):
     rates = {"trials": 20, "held": 4, "rate": 0.2, "low": 0.08, "high": 0.42}
     beside = {"success": {s: {"all": {"0.5": rates}} for s in ("seen", "all")}, "reasons": {}}
     success = write_success(tmp_path / "success.json", truth_file, baselines={"random": beside})
@@ -244,7 +244,7 @@ def test_success_of_other_methods_stands_in_their_rows(root, truth_file, tmp_pat
     assert "20 (8-42)" in output.with_suffix(".html").read_text()
 
 
-def test_each_row_may_bring_its_own_success(root, truth_file, tmp_path):
+def test_each_row_may_have_its_own_success_file(root, truth_file, tmp_path):
     other = tmp_path / "second.h5"
     write_grasps(other, [true_result(root, name, (0, 1)) for name in frame_names()])
     rates = {"trials": 20, "held": 4, "rate": 0.2, "low": 0.08, "high": 0.42}
@@ -285,7 +285,7 @@ def test_success_with_another_hand_or_dataset_is_refused(root, truth_file, outpu
 
 
 @pytest.mark.parametrize("content", [{"success": 3}, {"format_version": 9}])
-def test_what_is_no_success_file_is_one_sentence(root, truth_file, tmp_path, content):
+def test_a_wrong_success_file_is_reported_in_one_sentence(root, truth_file, tmp_path, content):
     success = write_success(tmp_path / "success.json", truth_file, **content)
     with pytest.raises(FormatError, match=r"success\.json"):
         run(truth_file, root, tmp_path / "report.json", success=success)
@@ -297,7 +297,7 @@ def test_one_frame_at_a_time_is_in_memory(root, truth_file, tmp_path, monkeypatc
     def watched(path, frames):
         for found in read_dataset_frames(path, frames):
             seen.append(weakref.ref(found))
-            assert sum(each() is not None for each in seen) <= 2  # the one judged last, this one
+            assert sum(each() is not None for each in seen) <= 2  # the last frame, this frame
             yield found
 
     monkeypatch.setattr(other_runs, "read_dataset_frames", watched)
@@ -361,7 +361,7 @@ def test_another_truth_makes_a_report_stale(truth_file, truth_report, root, tmp_
         run(truth_file, other, report, baselines=True)
 
 
-def test_what_is_true_of_nothing_judged_makes_no_report_stale(
+def test_truth_about_other_objects_and_scenes_makes_no_report_stale(
     truth_file, truth_report, root, tmp_path
 ):
     other = GraspNetRoot(Path(shutil.copytree(root.root, tmp_path / "root")))
@@ -403,7 +403,7 @@ def test_a_failed_frame_counts_its_objects(root, tmp_path):
     assert figures(tmp_path / "report.json")["reasons"]["no region"] == 3
 
 
-def test_a_second_run_judges_nothing_again_and_an_interrupted_one_only_the_rest(
+def test_a_second_run_judges_nothing_again_and_a_resumed_run_only_the_rest(
     root, truth_file, output
 ):
     whole = output.read_bytes()
@@ -415,7 +415,7 @@ def test_a_second_run_judges_nothing_again_and_an_interrupted_one_only_the_rest(
     assert output.read_bytes() == whole
 
 
-def test_a_report_of_other_grasps_is_not_replaced_unasked(root, output, tmp_path):
+def test_a_report_of_other_grasps_is_replaced_only_on_request(root, output, tmp_path):
     write_grasps(tmp_path / "g.h5", [true_result(root, name, (0,)) for name in frame_names()])
     with pytest.raises(StaleOutputError, match="--overwrite"):
         run(tmp_path / "g.h5", root, output)
@@ -460,7 +460,7 @@ def test_records_read_as_they_were_written(truth_report):
     assert all(isinstance(value, float) and not np.isnan(value) for value in worst)
 
 
-def test_other_grasps_of_the_same_frames_are_a_row_on_regions_of_their_own(
+def test_other_grasps_of_the_same_frames_get_a_row_judged_on_their_own_regions(
     root, truth_file, tmp_path
 ):
     other = tmp_path / "second.h5"
@@ -475,9 +475,7 @@ def test_other_grasps_of_the_same_frames_are_a_row_on_regions_of_their_own(
     assert {"SymGrasp", "second"} <= titles
 
 
-def test_grasps_of_a_compared_method_belong_to_the_objects_they_are_nearest_to(
-    root, truth_file, tmp_path
-):
+def test_grasps_of_a_compared_method_belong_to_their_nearest_objects(root, truth_file, tmp_path):
     other, results = tmp_path / "gg-cnn.h5", []
     for name in frame_names():
         found = true_result(root, name, (0, 1))
@@ -490,11 +488,11 @@ def test_grasps_of_a_compared_method_belong_to_the_objects_they_are_nearest_to(
     assert "GG-CNN, trained here" in titles
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "Worst frames of GG-CNN, trained here" in page
-    # A scene of ours has its best and its worst frame, one of the method its worst.
+    # Of our row, the best and the worst frame of a scene are shown; of the method, the worst.
     assert page.count("data:image/jpeg;base64,") == 3 * len(SCENES)
 
 
-def test_a_frame_without_grasps_of_a_compared_method_lacks_grasps_not_regions(
+def test_a_frame_without_grasps_of_a_compared_method_counts_as_without_grasp_not_region(
     root, truth_file, tmp_path
 ):
     other = tmp_path / "gg-cnn.h5"

@@ -1,4 +1,4 @@
-"""`evaluate --protocol graspnet` beside graspnetAPI itself, and on dumps that break it."""
+"""`evaluate --protocol graspnet` against graspnetAPI, and on dumps that break graspnetAPI."""
 
 import shutil
 from pathlib import Path
@@ -25,8 +25,8 @@ from pipelines.runtime.batch import BatchOptions, StageReport
 from symgrasp_cli.app import app
 from tests.stages.toy_dump import frame_file, write_dump, write_root
 
-# What GraspNetEval.eval_scene of graspnetAPI 1.2.11 gave the ranked grasps of `write_dump` on
-# `write_root`, with textured.sdf beside textured.obj as `label-grasps` writes it.
+# Results of GraspNetEval.eval_scene of graspnetAPI 1.2.11 for the ranked grasps of `write_dump` on
+# `write_root`, with the textured.sdf that `label-grasps` writes next to textured.obj.
 N = -1.0
 PEER = {
     (100, 0): [N, 0.4, 0.6, 0.2, 0.4, N, N, N, N, N, N, N, N, 0.8],
@@ -78,13 +78,13 @@ def report(root, pristine, tmp_path_factory) -> Path:
 
 
 @pytest.mark.parametrize(("scene_id", "frame"), PEER)
-def test_every_ranked_grasp_is_judged_as_graspnetapi_does(report, scene_id, frame):
+def test_every_ranked_grasp_is_judged_as_by_graspnetapi(report, scene_id, frame):
     friction = verdicts(report, scene_id)["friction"][frame]
     assert friction[np.isfinite(friction)].tolist() == PEER[scene_id, frame]
 
 
 @pytest.mark.parametrize("split", ["seen", "novel"])
-def test_the_average_precisions_are_graspnetapis(report, split):
+def test_the_average_precisions_equal_those_of_graspnetapi(report, split):
     found = figures(report, split)
     assert found["ap"] == pytest.approx(PEER_AP[split], abs=1e-15)
     assert found["ap_0.4"] == pytest.approx(PEER_AP04[split], abs=1e-15)
@@ -92,14 +92,14 @@ def test_the_average_precisions_are_graspnetapis(report, split):
     assert found["ap_by_friction"]["0.8"] == found["ap_0.8"]
 
 
-def test_all_is_the_mean_over_frames_and_a_split_without_frames_has_no_figure(report):
+def test_the_figure_of_all_is_the_mean_over_frames_and_a_split_without_frames_has_none(report):
     assert figures(report)["ap"] == pytest.approx(np.mean(list(PEER_AP.values())))
     assert figures(report, "similar")["ap"] is None
     assert figures(report)["frames"] == 4
     assert sum(figures(report)["reasons"].values()) == sum(map(len, PEER.values()))
 
 
-def test_a_grid_on_disk_gives_the_same_as_one_computed(root, pristine, report, tmp_path):
+def test_a_grid_on_disk_gives_the_same_verdicts_as_a_computed_one(root, pristine, report, tmp_path):
     other = GraspNetRoot(Path(shutil.copytree(root.root, tmp_path / "root")))
     mesh = read_mesh(other.textured_path(1, ".obj"))
     write_sdf(other.textured_path(1, ".sdf"), single_precision_grid(mesh))
@@ -112,13 +112,15 @@ def test_a_grid_on_disk_gives_the_same_as_one_computed(root, pristine, report, t
         np.testing.assert_array_equal(theirs["friction"], ours["friction"])
 
 
-def test_exact_contacts_hold_what_the_peer_holds_but_for_collision(root, pristine, tmp_path):
+def test_grasps_that_hold_for_the_peer_hold_with_exact_contacts_except_for_collision(
+    root, pristine, tmp_path
+):
     output = tmp_path / "exact.json"
     assert run(pristine, root, output, exact=True).exit_code == 0
     assert reports.read_report(output)["exact"] is True
     held = {s: verdicts(output, s)["friction"] for s in (100, 160)}
     both = [(held[s][f][: len(PEER[s, f])], np.array(PEER[s, f])) for s, f in PEER]
-    # Triangles stop more grasps than voxels do; a grasp that both let through holds in both.
+    # Triangles collide with more grasps than voxels; a grasp free in both holds in both.
     for ours, theirs in both:
         free = (ours > 0) & (theirs > 0)
         assert free.any()
@@ -133,7 +135,7 @@ def test_an_empty_dump_scores_nothing(root, dump, tmp_path):
     assert figures(tmp_path / "r.json", "novel")["ap"] == pytest.approx(PEER_AP["novel"])
 
 
-def test_a_missing_frame_is_named_and_counts_as_without_grasps(root, dump, tmp_path):
+def test_a_missing_frame_is_named_and_counts_as_a_frame_without_grasps(root, dump, tmp_path):
     frame_file(dump, 100, 1).unlink()
     report = run(dump, root, tmp_path / "r.json")
     assert report.exit_code == 1
@@ -190,7 +192,7 @@ def test_dumps_of_lower_precision_are_read(root, dump, tmp_path, dtype):
     assert figures(tmp_path / "r.json")["ap"] == pytest.approx(0.225, abs=0.08)
 
 
-def test_widths_are_cut_and_a_closed_hand_holds_nothing(root, dump, tmp_path):
+def test_widths_are_clipped_and_a_closed_hand_holds_nothing(root, dump, tmp_path):
     path = frame_file(dump, 100, 0)
     rows = np.load(path)
     rows[:, 1] = np.where(np.arange(len(rows)) % 2, 0.0, -0.01)
@@ -199,7 +201,7 @@ def test_widths_are_cut_and_a_closed_hand_holds_nothing(root, dump, tmp_path):
     assert verdicts(tmp_path / "r.json", 100)["accuracy"][0].max() == 0.0
 
 
-def test_a_wrong_folder_is_refused_with_what_is_expected(root, dump, tmp_path):
+def test_a_wrong_folder_is_refused_with_the_expected_layout(root, dump, tmp_path):
     with pytest.raises(FormatError, match=r"scene_NNNN.*folder dump holds scenes"):
         run(dump.parent, root, tmp_path / "r.json")
     with pytest.raises(FormatError, match="scene_NNNN"):
@@ -252,7 +254,7 @@ def test_another_mesh_makes_a_report_stale(root, pristine, tmp_path):
     assert figures(output) != before
 
 
-def test_a_mesh_that_is_none_is_named(root, pristine, tmp_path):
+def test_a_broken_mesh_is_named(root, pristine, tmp_path):
     other = GraspNetRoot(Path(shutil.copytree(root.root, tmp_path / "root")))
     other.model_path(1).write_bytes(b"nothing")
     report = run(pristine, other, tmp_path / "r.json")
@@ -275,7 +277,7 @@ def test_the_command_prints_the_figures(root, pristine, tmp_path):
 @pytest.mark.parametrize(
     "options", [[], ["--protocol", "cocoa"], ["--protocol", "graspnet", "--baselines"], ["--exact"]]
 )
-def test_what_does_not_go_together_is_wrong_usage(root, pristine, tmp_path, options):
+def test_options_that_exclude_each_other_are_wrong_usage(root, pristine, tmp_path, options):
     arguments = ["--dataset", str(root.root), "--out", str(tmp_path / "r.json"), *options]
     assert CliRunner().invoke(app, ["evaluate", str(pristine), *arguments]).exit_code == 2
 
@@ -285,7 +287,7 @@ def test_grasps_inside_a_bin_collide_with_it(root, pristine, tmp_path, exact):
     walled = GraspNetRoot(Path(shutil.copytree(root.root, tmp_path / "root")))
     scene = walled.scene(100, walled.scenes()[0].camera)
     slabs = [trimesh.creation.box((0.36, 0.36, 0.002)) for _ in range(8)]
-    for number, slab in enumerate(slabs):  # nothing in the scene is free of them
+    for number, slab in enumerate(slabs):  # no object of the scene is free of them
         slab.apply_translation((0.0, 0.0, 0.03 * number))
     convex_pieces.write(
         scene.surroundings_path, [Mesh(np.asarray(s.vertices), np.asarray(s.faces)) for s in slabs]

@@ -1,4 +1,4 @@
-"""The truth as a prediction: the oracle's grasps, judged as ours, score what the oracle does."""
+"""The truth as a prediction: the oracle's grasps, judged as ours, score as the oracle row."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -54,12 +54,12 @@ def rows(tmp_path_factory: pytest.TempPathFactory) -> dict:
 
 
 @pytest.mark.parametrize("figure", ["grasp_quality", "antipodal_score", "antipodal_score_region"])
-def test_the_oracles_grasps_score_what_the_oracle_row_scores(rows, figure):
+def test_the_oracles_grasps_score_as_the_oracle_row(rows, figure):
     assert rows["oracle"]["all"][figure] > 0.3
     assert rows["ours"]["all"][figure] == pytest.approx(rows["oracle"]["all"][figure], abs=1e-4)
 
 
-def test_what_became_of_each_grasp_is_the_same(rows):
+def test_grasps_have_the_same_outcomes(rows):
     assert rows["ours"]["all"]["reasons"] == rows["oracle"]["all"]["reasons"]
 
 

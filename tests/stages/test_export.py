@@ -1,4 +1,4 @@
-"""`export`: grasps of ours in the formats of others, and back."""
+"""`export`: our grasps in the formats of other tools, and back."""
 
 import json
 import re
@@ -73,7 +73,7 @@ def files_of(folder: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("to", OUTPUTS)
-def test_frames_without_grasps_are_answered_and_failed_ones_named(to, grasps, tmp_path):
+def test_frames_without_grasps_are_exported_and_failed_ones_are_named(to, grasps, tmp_path):
     report = run(grasps, tmp_path / OUTPUTS[to], to=to)
     assert report.exit_code == 1
     assert set(report.failed) == {FAILED}
@@ -81,14 +81,14 @@ def test_frames_without_grasps_are_answered_and_failed_ones_named(to, grasps, tm
     assert "9 grasps in 5 frames" in report.notes[OUTPUTS[to]]
 
 
-def test_a_dump_has_a_file_a_frame_where_graspnetapi_looks(grasps, tmp_path):
+def test_a_dump_has_a_file_for_each_frame_where_graspnetapi_reads_it(grasps, tmp_path):
     run(grasps, tmp_path / "dump")
     scenes = {scene.scene_id: scene for scene in dumped_scenes(tmp_path / "dump")}
     assert sorted(scenes) == list(SCENES)
     assert scenes[100].frame_ids == [0, 1]
     assert scenes[160].frame_ids == [1]
     assert len(read_grasp_rows(scenes[100].path(1)).rows) == 0
-    # A frame that is none of a dataset keeps its own name.
+    # A frame outside of a dataset keeps its name.
     assert len(read_grasp_rows(tmp_path / "dump" / "desk" / "0007.npy").rows) == 3
 
 
@@ -100,7 +100,7 @@ def test_a_dump_has_a_file_a_frame_where_graspnetapi_looks(grasps, tmp_path):
         ("ros-json", "{}.json"),
     ],
 )
-def test_folders_have_a_file_a_frame_under_its_name(to, file, grasps, tmp_path):
+def test_folders_have_a_file_for_each_frame_under_its_name(to, file, grasps, tmp_path):
     run(grasps, tmp_path / "out", to=to)
     assert "{}".join(export.TO_FOLDER[to][1:]) == file
     stems = ["scenes/scene_0100/realsense/0000", EMPTY, "scenes/scene_0160/realsense/0001"]
@@ -134,7 +134,7 @@ def narrow(tmp_path) -> str:
 
 
 @pytest.mark.parametrize("to", OUTPUTS)
-def test_what_a_named_gripper_cannot_hold_is_left_out_and_counted(to, narrow, grasps, tmp_path):
+def test_grasps_too_wide_for_a_named_gripper_are_left_out_and_counted(to, narrow, grasps, tmp_path):
     report = run(grasps, tmp_path / OUTPUTS[to], to=to, gripper=narrow)
     assert report.notes["left out"] == (
         "6 of 9 grasps are wider than the 44 mm that narrow takes; their places in /grasps: "
@@ -175,7 +175,9 @@ def contacts_of(to: str, out: Path, rows: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("tcp", "side"), [("", "behind"), ("tips", "beyond")])
-def test_the_report_says_on_which_side_of_the_contacts_the_poses_lie(grasps, tmp_path, tcp, side):
+def test_the_report_states_the_side_of_the_contacts_that_the_poses_are_on(
+    grasps, tmp_path, tcp, side
+):
     report = run(grasps, tmp_path / "x.json", to="json", tcp=tcp)
     assert f"mm {side} the contacts" in "".join(report.notes.values())
     assert "-" not in "".join(report.notes.values())
@@ -195,7 +197,7 @@ def test_every_format_gives_poses_of_the_tool_in_the_frame_of_the_robot(to, tcp,
     assert_allclose(contacts_of(to, out, len(table)), expected, atol=1e-6)
 
 
-def test_the_tool_centre_point_lies_where_it_is_said_to(grasps, tmp_path):
+def test_the_tool_centre_point_is_at_the_chosen_place(grasps, tmp_path):
     gripper, found = load_gripper("rg2"), {}
     for tcp in ("", "tips", "contacts", "0.12"):
         run(grasps, tmp_path / f"x{tcp}.json", to="json", tcp=tcp)
@@ -217,12 +219,12 @@ def test_ros_poses_name_the_base_that_the_calibration_or_the_user_names(grasps, 
         "parameters: {eye_on_hand: false, robot_base_frame: arm_base}\n"
         "transformation: {qw: 1, qx: 0, qy: 0, qz: 0, x: 0, y: 0, z: 1}\n"
     )
-    for number, (frame_id, said) in enumerate((("", "arm_base"), ("world", "world"))):
+    for number, (frame_id, expected) in enumerate((("", "arm_base"), ("world", "world"))):
         config = ExportConfig(to="ros-json", frame_id=frame_id)
         export.run(grasps, tmp_path / str(number), config, camera_to_base=eye)
         found = json.loads((tmp_path / str(number) / "desk" / "0007.json").read_text())
-        assert found["pose_array"]["header"]["frame_id"] == said
-        assert said in found["axes"]
+        assert found["pose_array"]["header"]["frame_id"] == expected
+        assert expected in found["axes"]
 
 
 def test_contact_graspnet_has_its_own_origin_unless_a_gripper_is_named(grasps, tmp_path):
@@ -233,7 +235,7 @@ def test_contact_graspnet_has_its_own_origin_unless_a_gripper_is_named(grasps, t
 
 
 @pytest.mark.parametrize("to", OUTPUTS)
-def test_what_could_not_be_exported_is_named_again(to, grasps, tmp_path):
+def test_frames_that_could_not_be_exported_are_named_again(to, grasps, tmp_path):
     first, second = (run(grasps, tmp_path / OUTPUTS[to], to=to) for _ in range(2))
     assert second.skipped
     assert second.failed == first.failed
@@ -242,7 +244,7 @@ def test_what_could_not_be_exported_is_named_again(to, grasps, tmp_path):
 
 @pytest.fixture
 def own_gripper(tmp_path, monkeypatch) -> Path:
-    """A gripper's file, named as from the folder it lies in."""
+    """A gripper's file, given by its name in the working folder."""
     monkeypatch.chdir(tmp_path)
     text = (GRIPPERS / "rg2.toml").read_text().replace("rg2", "mine")
     Path("hand.toml").write_text(text)
@@ -250,7 +252,7 @@ def own_gripper(tmp_path, monkeypatch) -> Path:
 
 
 def own_grasps(root_grasps: Path, own_gripper: Path) -> Path:
-    """Write grasps of a run that was told of `own_gripper`."""
+    """Write grasps of a run with `own_gripper`."""
     path = own_gripper.resolve().with_name("own.h5")
     results = list(read_whole(root_grasps).results)
     inputs = {"gripper": gripper_digest(str(own_gripper))}
@@ -259,7 +261,7 @@ def own_grasps(root_grasps: Path, own_gripper: Path) -> Path:
     return path
 
 
-def test_a_gripper_file_that_changed_since_is_not_taken_for_the_one_used(
+def test_a_gripper_file_that_has_changed_since_is_refused(
     grasps, own_gripper, tmp_path, monkeypatch
 ):
     own = own_grasps(grasps, own_gripper)
@@ -294,7 +296,7 @@ def test_an_export_is_skipped_when_done_and_refused_when_it_differs(to, grasps, 
     assert run(grasps, out, to=to, gripper="franka").skipped
 
 
-def test_a_folder_or_file_of_other_things_is_not_replaced(grasps, tmp_path):
+def test_a_folder_or_file_with_other_content_is_not_replaced(grasps, tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine.json").write_text('{"a": 1}')
     (tmp_path / "mine.csv").write_text("a,b\n")
@@ -307,13 +309,13 @@ def test_a_folder_or_file_of_other_things_is_not_replaced(grasps, tmp_path):
 
 def test_a_table_whose_stamp_was_never_written_is_made_again(grasps, tmp_path):
     run(grasps, tmp_path / "x.csv", to="csv")
-    (tmp_path / "x.csv.provenance.json").unlink()  # as a kill between the two leaves it
+    (tmp_path / "x.csv.provenance.json").unlink()  # as after a kill between the two
     with pytest.raises(StaleOutputError):
         run(grasps, tmp_path / "x.csv", to="csv")
     assert export.run(grasps, tmp_path / "x.csv", ExportConfig(to="csv"), overwrite=True).done
 
 
-def test_the_stamp_of_one_table_is_never_beside_another(grasps, tmp_path, monkeypatch):
+def test_the_stamp_of_one_table_is_never_left_with_another(grasps, tmp_path, monkeypatch):
     run(grasps, tmp_path / "x.csv", to="csv")
 
     def killed(*_arguments):
@@ -353,7 +355,7 @@ def test_a_file_of_frames_without_grasps_is_exported(to, tmp_path):
     assert (report.exit_code, report.done) == (0, [OUTPUTS[to]])
 
 
-def test_a_name_that_leads_elsewhere_or_is_too_long_fails_alone(grasps, tmp_path):
+def test_a_frame_whose_name_leads_outside_or_is_too_long_fails_alone(grasps, tmp_path):
     (good, *_) = read_whole(grasps).results
     names = ("../evil", "n" * 240, "good")
     write_grasps(tmp_path / "g.h5", [replace(good, name=name) for name in names])
@@ -363,7 +365,7 @@ def test_a_name_that_leads_elsewhere_or_is_too_long_fails_alone(grasps, tmp_path
 
 
 @pytest.mark.parametrize("signature", [b"TREE", b"SNOD", b"HEAP", b"GCOL", b'{"config"'])
-def test_a_damaged_file_is_a_sentence_and_leaves_nothing(signature, grasps, tmp_path):
+def test_a_damaged_file_is_reported_in_one_sentence_and_leaves_nothing(signature, grasps, tmp_path):
     data = grasps.read_bytes()
     places = [match.start() for match in re.finditer(re.escape(signature), data)]
     assert places
@@ -381,7 +383,7 @@ def test_an_unknown_format_is_named(grasps, tmp_path):
         run(grasps, tmp_path / "dump", to="moveit")
 
 
-def test_the_command(grasps, tmp_path):
+def test_the_command_exports_grasps(grasps, tmp_path):
     result = CliRunner().invoke(app, ["export", str(grasps), "--out", str(tmp_path / "dump")])
     assert result.exit_code == 1  # a failed frame is among them
     assert np.load(tmp_path / "dump" / "scene_0100" / "realsense" / "0000.npy").shape == (3, 17)
@@ -397,7 +399,7 @@ def named(grasps: Path, path: Path, *names: str) -> Path:
 TWO_ROOTS = tuple(f"{root}/scenes/scene_0100/realsense/0000" for root in "ab")
 
 
-def test_frames_of_several_roots_do_not_take_each_others_place(grasps, tmp_path):
+def test_frames_of_several_roots_do_not_replace_each_other(grasps, tmp_path):
     others = ("b/scenes/scene_0101/realsense/0003", "desk/7")
     several = named(grasps, tmp_path / "g.h5", *TWO_ROOTS, *others)
     report = run(several, tmp_path / "dump")
@@ -411,7 +413,7 @@ def test_frames_of_several_roots_do_not_take_each_others_place(grasps, tmp_path)
         dumped_scenes(tmp_path / "dump")
 
 
-def test_frames_of_several_roots_with_scenes_of_their_own_are_one_dump(grasps, tmp_path):
+def test_frames_of_several_roots_with_different_scenes_give_one_dump(grasps, tmp_path):
     names = (TWO_ROOTS[0], "b/scenes/scene_0101/realsense/0000")
     report = run(named(grasps, tmp_path / "g.h5", *names), tmp_path / "dump")
     assert "names" not in report.notes
@@ -427,7 +429,7 @@ TAKEN = [
 
 
 @pytest.mark.parametrize(("to", "name", "owner"), TAKEN)
-def test_a_frame_whose_file_would_be_anothers_fails_alone_and_is_named_again(
+def test_a_frame_whose_file_belongs_to_another_frame_fails_alone_and_is_named_again(
     to, name, owner, grasps, tmp_path
 ):
     odd = named(grasps, tmp_path / "g.h5", "a", name)
@@ -439,7 +441,7 @@ def test_a_frame_whose_file_would_be_anothers_fails_alone_and_is_named_again(
     assert json.loads((tmp_path / "out" / "provenance.json").read_text())["stage"] == "export"
 
 
-def test_a_file_that_would_be_a_folder_of_others_fails_alone(grasps, tmp_path):
+def test_a_file_at_the_place_of_a_folder_fails_alone(grasps, tmp_path):
     odd = named(grasps, tmp_path / "g.h5", "a.yaml/b", "a")
     report = run(odd, tmp_path / "out", to="isaac")
     assert "a.yaml is a folder of other frames" in report.failed["a"]
@@ -447,7 +449,7 @@ def test_a_file_that_would_be_a_folder_of_others_fails_alone(grasps, tmp_path):
 
 @pytest.mark.parametrize("folds", [True, False])
 @pytest.mark.parametrize("to", [to for to, out in OUTPUTS.items() if out == "dump"])
-def test_names_that_differ_in_case_alone_are_one_only_where_the_disk_says_so(
+def test_names_that_differ_only_in_case_collide_only_where_the_disk_ignores_case(
     folds, to, grasps, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(export, "folds_case", lambda _folder: folds)
@@ -455,10 +457,10 @@ def test_names_that_differ_in_case_alone_are_one_only_where_the_disk_says_so(
     assert list(report.failed) == (["Box/A"] if folds else [])
 
 
-def test_an_ordinary_disk_tells_case_apart(tmp_path):
+def test_an_ordinary_disk_distinguishes_case(tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "OUT").mkdir()
     assert not folds_case(tmp_path / "out" / "new")
     (tmp_path / "OUT").rmdir()
-    (tmp_path / "OUT").symlink_to(tmp_path / "out")  # as a disk that does not
+    (tmp_path / "OUT").symlink_to(tmp_path / "out")  # as on a disk that ignores case
     assert folds_case(tmp_path / "out" / "new")

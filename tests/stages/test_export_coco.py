@@ -1,4 +1,4 @@
-"""The export-coco stage: COCO's readers open it, and the detector trains on the same masks."""
+"""The export-coco stage: COCO's readers open its output; the detector trains on its masks."""
 
 import json
 import shutil
@@ -68,7 +68,7 @@ def test_torchvision_opens_images_with_their_targets(exported):
 
 
 @pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")
-def test_masks_areas_and_boxes_are_those_of_the_frame(root, exported):
+def test_masks_areas_and_boxes_equal_those_of_the_frame(root, exported):
     for split in coco_instances.COCO_SPLITS:
         api = coco(exported, split)
         for frame in coco_instances.read_coco_frames(exported, split):
@@ -86,7 +86,7 @@ def test_masks_areas_and_boxes_are_those_of_the_frame(root, exported):
 
 
 @pytest.mark.parametrize("files", [0, 3, 5])
-def test_a_run_stopped_anywhere_goes_on_to_the_same_bytes(
+def test_a_run_stopped_at_any_moment_and_resumed_writes_the_same_bytes(
     root, exported, tmp_path, monkeypatch, files
 ):
     copied = []
@@ -110,7 +110,7 @@ def test_a_run_stopped_anywhere_goes_on_to_the_same_bytes(
     }
 
 
-def test_the_detector_sees_the_same_frames_from_both(root, exported, tmp_path):
+def test_the_detector_reads_the_same_frames_from_both_datasets(root, exported, tmp_path):
     outputs = [tmp_path / "a.safetensors", tmp_path / "b.safetensors"]
     for source, output in zip([root.root, exported], outputs, strict=True):
         items = finetune_detector.scene_items(source, output, DETECTOR)
@@ -143,7 +143,7 @@ def test_the_detector_validates_on_the_datasets_own_split(exported, tmp_path):
         } - {scene}
 
 
-def test_the_detector_trains_on_it(exported, tmp_path):
+def test_the_detector_trains_on_the_coco_dataset(exported, tmp_path):
     output = tmp_path / "detector.safetensors"
     config = replace(DETECTOR, epochs=1, batch_size=2, micro_batch_size=1)
     request = RunRequest(device="cpu", threads=1)
@@ -215,7 +215,9 @@ OTHERS = {
 
 
 @pytest.mark.parametrize("other", OTHERS)
-def test_annotations_of_an_earlier_run_are_not_replaced_unasked(root, exported, tmp_path, other):
+def test_annotations_of_an_earlier_run_are_replaced_only_on_request(
+    root, exported, tmp_path, other
+):
     out, (config, arguments) = shutil.copytree(exported, tmp_path / "out"), OTHERS[other]
     before = contents(out)
     with pytest.raises(StaleOutputError, match=r"instances_train.json .* --overwrite"):
@@ -226,7 +228,7 @@ def test_annotations_of_an_earlier_run_are_not_replaced_unasked(root, exported, 
     assert contents(out) != before
 
 
-def test_a_stale_scene_leaves_the_annotations_as_they_were(tmp_path):
+def test_a_stale_scene_does_not_change_the_annotations(tmp_path):
     copy, out = write_root(tmp_path / "root"), tmp_path / "out"
     export_coco.run(copy.root, out, CONFIG, split=None, options=QUIET)
     before = contents(out)
@@ -237,7 +239,7 @@ def test_a_stale_scene_leaves_the_annotations_as_they_were(tmp_path):
     assert contents(out) == before
 
 
-def test_a_share_of_nothing_holds_no_scene_out(root, tmp_path):
+def test_a_share_of_zero_holds_out_no_scene(root, tmp_path):
     config = replace(CONFIG, val_fraction=0.0)
     report = export_coco.run(root.root, tmp_path, config, split=None, options=QUIET)
     assert report.notes["splits"].endswith("val: 0 images, 0 regions")
@@ -245,7 +247,7 @@ def test_a_share_of_nothing_holds_no_scene_out(root, tmp_path):
     assert not coco(tmp_path, "val").getImgIds()
 
 
-def test_a_dataset_of_another_maker_is_one_sentence(tmp_path):
+def test_a_dataset_of_another_maker_is_reported_in_one_sentence(tmp_path):
     path = coco_instances.annotations_path(tmp_path, "train")
     path.parent.mkdir()
     path.write_text(json.dumps({"images": [{"id": 1, "file_name": "a.png"}], "annotations": []}))
@@ -253,7 +255,7 @@ def test_a_dataset_of_another_maker_is_one_sentence(tmp_path):
         coco_instances.read_coco_frames(tmp_path, "train")
 
 
-def test_a_region_goes_by_its_strongest_symmetry():
+def test_the_category_of_a_region_is_its_strongest_symmetry():
     plane, axis = ReflectionSymmetry(X, ORIGIN), RotationSymmetry(Z, ORIGIN)
     assert coco_instances.kind_of([plane, axis]) == "rotation"
     assert coco_instances.kind_of([plane, RotationSymmetry(Z, ORIGIN, 2)]) == "reflection"

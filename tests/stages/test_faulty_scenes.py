@@ -1,4 +1,4 @@
-"""Stages that cut frames into regions name a faulty scene, do the others, and see new meshes."""
+"""Stages that cut frames into regions name faulty scenes, do the others, notice new meshes."""
 
 import shutil
 
@@ -72,7 +72,7 @@ def unknown_object(camera):
     cv2.imwrite(str(camera / "label/0001.png"), np.full((240, 320), 60, np.uint8))
 
 
-# What is wrong with a scene, and words of the sentence that says so.
+# A fault of a scene, and words of the error about it.
 FAULTS = {
     "a small label": (scaled_label(0.5), "0001.png: the label image is 160x120"),
     "a large label": (scaled_label(2.0), "0001.png: the label image is 640x480"),
@@ -84,7 +84,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("stage", STAGES)
-def test_scenes_at_fault_are_a_sentence_each_and_the_rest_is_done(root, tmp_path, stage):
+def test_scenes_at_fault_give_one_sentence_each_and_the_rest_is_done(root, tmp_path, stage):
     for number, (damage, _) in enumerate(FAULTS.values(), start=SCENES[0] + 1):
         shutil.copytree(root.scene_folder(SCENES[0]), root.scene_folder(number))
         damage(root.scene_folder(number) / "realsense")
@@ -97,7 +97,7 @@ def test_scenes_at_fault_are_a_sentence_each_and_the_rest_is_done(root, tmp_path
 
 
 @pytest.mark.parametrize("stage", STAGES)
-def test_what_was_cut_from_another_mesh_is_not_reused(root, tmp_path, stage):
+def test_regions_that_were_cut_from_another_mesh_are_not_reused(root, tmp_path, stage):
     assert stage(root, tmp_path / "out").done == WHOLE
     assert stage(root, tmp_path / "out").skipped == WHOLE
     path = root.model_path(0)
@@ -108,7 +108,7 @@ def test_what_was_cut_from_another_mesh_is_not_reused(root, tmp_path, stage):
     assert all("other settings or inputs" in why for why in report.failed.values())
 
 
-def test_masks_of_a_coco_dataset_of_another_size_are_a_sentence(root, tmp_path):
+def test_masks_of_a_coco_dataset_of_another_size_are_reported_in_one_sentence(root, tmp_path):
     exported(root, tmp_path / "coco")
     coco = GraspNetRoot(tmp_path / "coco")
     frame = coco_instances.read_coco_frames(coco.root, "train")[0]

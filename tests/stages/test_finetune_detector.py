@@ -1,4 +1,4 @@
-"""The finetune-detector stage on a toy dataset: frames once, weights that load."""
+"""The finetune-detector stage on a toy dataset: frames prepared once, weights that load."""
 
 import shutil
 from dataclasses import replace
@@ -71,7 +71,7 @@ def test_frames_are_prepared_with_their_regions(root, output):
 
 def test_frames_are_compressed_to_the_same_bytes_in_every_process(root, output):
     (path, *_) = finetune_detector.frames_folder(output, root.root).glob("*.h5")
-    with open_h5(path) as file:  # LZF depends on what was in memory before
+    with open_h5(path) as file:  # LZF output may depend on earlier content of the memory
         assert {file[name].compression for name in ("color", "depth", "regions")} == {"gzip"}
 
 
@@ -102,7 +102,7 @@ def test_a_resumed_training_equals_one_that_never_stopped(root, output, tmp_path
     assert path.read_bytes() == output.read_bytes()
 
 
-def test_a_scene_that_has_gained_frames_is_prepared_anew(tmp_path):
+def test_a_scene_with_new_frames_is_prepared_again(tmp_path):
     root = write_root(tmp_path / "root")
     config, output = CONFIG, tmp_path / "detector.safetensors"
     prepared = prepare(root, output, config)
@@ -115,13 +115,13 @@ def test_a_scene_that_has_gained_frames_is_prepared_anew(tmp_path):
     assert "other settings or inputs" in next(iter(again.failed.values()))
 
 
-def test_what_another_version_trained_is_reused(root, output, monkeypatch):
+def test_weights_trained_by_another_version_are_reused(root, output, monkeypatch):
     monkeypatch.setattr(provenance, "version", lambda: "9.9.9")
     again = finetune_detector.run([root.root], output, CONFIG, REQUEST, split=None, options=QUIET)
     assert again.skipped == [output.name]
 
 
-def test_other_pictures_of_the_same_names_are_other_data(root, output, tmp_path):
+def test_other_pictures_of_the_same_names_count_as_other_data(root, output, tmp_path):
     copy = tmp_path / root.root.name
     shutil.copytree(root.root, copy)
     shutil.copytree(output.parent, tmp_path / "out")
@@ -135,12 +135,12 @@ def test_other_pictures_of_the_same_names_are_other_data(root, output, tmp_path)
     assert len(prepare(GraspNetRoot(copy), path).failed) == 1
 
 
-def test_a_scene_without_frames_has_a_file_of_none(tmp_path):
+def test_a_scene_without_frames_gets_an_empty_file(tmp_path):
     detector_frames.write(tmp_path / "scene.h5", [], make_stamp("x", CONFIG))
     assert detector_frames.count_frames(tmp_path / "scene.h5") == 0
 
 
-def test_other_coco_weights_are_another_training(root, output):
+def test_other_coco_weights_count_as_another_training(root, output):
     again = finetune_detector.run([root.root], output, CONFIG, REQUEST, split=None, options=QUIET)
     assert again.skipped
     with pytest.raises(SymgraspError, match="other data"):
@@ -160,7 +160,7 @@ def test_the_frames_of_a_scenes_two_cameras_are_on_one_side():
         assert len(sides[0]) + len(sides[1]) == 12
 
 
-def test_a_kept_batch_gives_its_losses_again(root, output, tmp_path):
+def test_a_saved_batch_gives_the_same_losses_again(root, output, tmp_path):
     files = sorted(finetune_detector.frames_folder(output, root.root).glob("*.h5"))
     frames = split_frames(files, detector_frames.count_frames, CONFIG.val_fraction, 0)
     detector = starting_detector(CONFIG, 0)
@@ -174,7 +174,7 @@ def test_a_kept_batch_gives_its_losses_again(root, output, tmp_path):
     assert finetune_detector.replay(path) == pytest.approx(expected, rel=1e-5)
 
 
-def test_it_goes_on_from_given_weights(root, output, tmp_path):
+def test_the_detector_starts_from_given_weights(root, output, tmp_path):
     still = replace(SHORT, learning_rate=0.0, ema_decay=0.0)
     path = tmp_path / "again.safetensors"
     finetune_detector.run([root.root], path, still, REQUEST, split=None, init=output, options=QUIET)
@@ -196,7 +196,7 @@ def test_frames_prepared_with_other_labels_are_not_reused(root, output, tmp_path
     )
 
 
-def test_it_learns_from_several_roots(root, tmp_path):
+def test_the_detector_learns_from_several_roots(root, tmp_path):
     other = tmp_path / "other"
     shutil.copytree(root.root, other)
     path, roots = tmp_path / "detector.safetensors", [root.root, other]
@@ -211,9 +211,7 @@ def test_it_learns_from_several_roots(root, tmp_path):
     assert not set(frames.train) & set(frames.val)
 
 
-def test_scenes_that_an_earlier_run_prepared_with_another_split_are_not_learned(
-    root, tmp_path, monkeypatch
-):
+def test_scenes_prepared_earlier_with_another_split_are_not_learned(root, tmp_path, monkeypatch):
     both = tmp_path / "both"
     shutil.copytree(root.root, both)
     for number in (101, 161):  # two of `seen`, two of `novel`
@@ -241,7 +239,7 @@ def test_scenes_that_an_earlier_run_prepared_with_another_split_are_not_learned(
 
 
 @pytest.mark.parametrize(("frames", "judged"), [(0, 0), (7, 7), (120, 120), (121, 120), (239, 120)])
-def test_no_more_frames_are_judged_than_asked(frames, judged):
+def test_no_more_frames_are_validated_than_requested(frames, judged):
     keys = [(Path("scene.h5"), row) for row in range(frames)]
     chosen = spread(keys, 120)
     assert len(chosen) == len(set(chosen)) == judged

@@ -42,14 +42,14 @@ def measured(tmp_path, text=URDF, **config):
     return gripper.gripper_of(str(tmp_path / "g.urdf"), GripperConfig(**config))
 
 
-def test_the_measures_are_those_of_the_bodies(tmp_path):
+def test_the_measures_equal_those_of_the_bodies(tmp_path):
     found = measured(tmp_path)
     assert found.name == "toy_hand"
     assert {key: getattr(found, key) for key in EXPECTED} == pytest.approx(EXPECTED, abs=1e-5)
     assert gripper.oddities_of(found) == []
 
 
-def test_meshes_are_read_beside_the_file(tmp_path):
+def test_meshes_are_read_relative_to_the_file(tmp_path):
     (tmp_path / "meshes").mkdir()
     corners = [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
     text = "".join(f"v {0.025 * x} {0.1 * y} {0.03 * z}\n" for x, y, z in corners)
@@ -62,7 +62,7 @@ def test_meshes_are_read_beside_the_file(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "sentence"),
     [
         ("prismatic", "revolute", "0 sliding joints"),
         ("<robot", "<!DOCTYPE r [<!ENTITY a 'b'>]><robot", "not XML"),
@@ -75,8 +75,10 @@ def test_meshes_are_read_beside_the_file(tmp_path):
         ('<child link="right"/>', '<child link="left"/>', "two parent joints"),
     ],
 )
-def test_what_is_no_parallel_gripper_is_a_sentence(old, new, said, tmp_path):
-    with pytest.raises(FormatError, match=said):
+def test_a_urdf_without_a_parallel_gripper_is_reported_in_one_sentence(
+    old, new, sentence, tmp_path
+):
+    with pytest.raises(FormatError, match=sentence):
         measured(tmp_path, URDF.replace(old, new))
 
 
@@ -88,14 +90,14 @@ def test_the_command_writes_a_file_that_infer_takes_and_a_picture(tmp_path):
     assert load_gripper(str(out)).max_opening == pytest.approx(0.08)
     picture = read_image(out.with_suffix(".png"))
     assert np.ptp(picture) > 100
-    assert CliRunner().invoke(app, words).exit_code == 1  # both are there
+    assert CliRunner().invoke(app, words).exit_code == 1  # file and picture exist
     checked = ["gripper", "check", str(out), "--picture", str(tmp_path / "again.png")]
     assert CliRunner().invoke(app, checked).exit_code == 0
     assert (tmp_path / "again.png").is_file()
     assert CliRunner().invoke(app, ["gripper", "from-urdf", str(out)]).exit_code == 2
 
 
-def test_odd_measures_are_said(tmp_path):
+def test_odd_measures_are_reported(tmp_path):
     config = GripperConfig(tip_reach=0.06)
     (tmp_path / "g.urdf").write_text(URDF)
     report = gripper.run(str(tmp_path / "g.urdf"), config)

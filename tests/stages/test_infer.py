@@ -138,7 +138,7 @@ def test_frames_side_by_side_on_networks_write_the_bytes_of_one_thread(frames, t
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
-def test_the_network_sees_mirror_images_where_that_is_set(frames, tmp_path, mirrored):
+def test_the_network_sees_mirror_images_if_set(frames, tmp_path, mirrored):
     paths = infer.InferPaths(frames, tmp_path / "g.h5")
     settings = Settings(paths, InferConfig(mirrored=mirrored), 0, "cpu", timings=False)
     assert settings.planner().predictor.mirrored == mirrored
@@ -159,7 +159,7 @@ def test_a_second_run_skips_everything(frames, tmp_path):
     assert not grasps_file.parts_folder(tmp_path / "g.h5").exists()
 
 
-def test_other_settings_do_not_pass_for_finished(frames, tmp_path):
+def test_an_output_of_other_settings_does_not_count_as_finished(frames, tmp_path):
     run(frames, tmp_path / "g.h5")
     with pytest.raises(StaleOutputError):
         run(frames, tmp_path / "g.h5", config=dataclasses.replace(CONFIG, gripper="franka"))
@@ -205,7 +205,7 @@ def test_a_killed_run_goes_on_where_it_stopped_and_ends_with_the_same_bytes(fram
     assert shard.exists()
     assert not output.exists()
     report = run(frames, output)
-    # Frames are in flight beside each other: "c" may or may not have been whole when the kill came.
+    # Frames are processed in parallel: "c" may or may not have been finished at the kill.
     assert "a" in report.skipped
     assert "b" in report.done
     assert sorted([*report.skipped, *report.done]) == ["a", "b", "c"]
@@ -235,7 +235,7 @@ def test_a_bad_frame_fails_alone_with_a_sentence(tmp_path):
     assert list(found.frames.status) == ["ok", "failed"]
     assert "torn_depth.png" in found.frames.message[1]
     again = run(folder, tmp_path / "g.h5")
-    assert again.exit_code == 1  # skipping what is done does not make it whole
+    assert again.exit_code == 1  # a run that skips all frames still reports the failed one
     assert again.skipped == ["good"]
 
 
@@ -280,13 +280,13 @@ def pictures_of(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def test_overlays_are_drawn_of_grasps_that_are_there_already(frames, tmp_path):
+def test_overlays_are_drawn_of_finished_grasps(frames, tmp_path):
     run(frames, tmp_path / "whole.h5", overlays=tmp_path / "whole")
     run(frames, tmp_path / "g.h5")
     shards = [read_whole(tmp_path / "g.h5").results[0]]
     run(frames, tmp_path / "g.h5", overlays=tmp_path / "finished")
     assert pictures_of(tmp_path / "finished") == pictures_of(tmp_path / "whole")
-    # As a killed run that drew no pictures leaves it.
+    # The output of a killed run that drew no pictures.
     settings = Settings(infer.InferPaths(frames, tmp_path / "k.h5"), CONFIG, 0, "auto", False)
     (item, *_) = work.Work(settings).items(find_frames(frames))
     grasps_file.write(item.target, [shards[0]], item.stamp)
@@ -294,7 +294,9 @@ def test_overlays_are_drawn_of_grasps_that_are_there_already(frames, tmp_path):
     assert pictures_of(tmp_path / "killed") == pictures_of(tmp_path / "whole")
 
 
-def test_overlays_of_another_run_are_drawn_anew_and_others_left(frames, tmp_path):
+def test_overlays_of_another_run_are_drawn_again_and_other_pictures_are_not_touched(
+    frames, tmp_path
+):
     pictures = tmp_path / "pictures"
     run(frames, tmp_path / "g.h5", overlays=pictures)
     drawn, times = pictures_of(pictures), {p: p.stat().st_mtime_ns for p in pictures.iterdir()}
@@ -352,7 +354,7 @@ def test_missing_weights_name_the_command_that_makes_them(frames, tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["axis", "plane"])
-def test_critics_of_symmetries_are_needed_only_where_these_are_fitted(frames, tmp_path, kind):
+def test_symmetry_critics_are_needed_only_where_symmetries_are_fitted(frames, tmp_path, kind):
     missing = {f"{kind}_critic": tmp_path / "none.safetensors"}
     paths = infer.InferPaths(frames, tmp_path / "g.h5", **missing)
     config = InferConfig(regions="geometric")
@@ -378,7 +380,7 @@ def test_the_grasp_critic_is_needed_only_where_it_ranks(frames, tmp_path):
         infer.run(dataclasses.replace(paths, grasp_critic=GRASP_CRITIC_WEIGHTS), config, OPTIONS)
 
 
-def test_scores_are_qualities_to_expect_unless_the_paper_ranks(frames, tmp_path):
+def test_scores_are_expected_qualities_unless_grasps_are_ranked_by_eq_8(frames, tmp_path):
     scores = {}
     for ranks in ("critic", "eq8"):
         config = InferConfig(
@@ -408,7 +410,7 @@ def test_unknown_names_list_the_known_ones(frames, tmp_path, wrong):
         run(frames, tmp_path / "g.h5", config=dataclasses.replace(CONFIG, **wrong))
 
 
-def test_a_folder_without_frames_is_one_sentence(tmp_path):
+def test_a_folder_without_frames_is_reported_in_one_sentence(tmp_path):
     with pytest.raises(SymgraspError, match="no RGB-D frames"):
         run(tmp_path, tmp_path / "g.h5")
 
@@ -447,7 +449,7 @@ def test_a_frame_without_a_table_has_no_limits_over_it(tmp_path):
         limited(tmp_path / "frames", tmp_path / "g.h5", box_frame="base")
 
 
-def test_a_result_that_cannot_be_written_is_no_frame_that_failed(frames, tmp_path):
+def test_a_result_that_cannot_be_written_does_not_mark_its_frame_as_failed(frames, tmp_path):
     output, overlays = tmp_path / "grasps.h5", tmp_path / "overlays"
     overlays.write_text("a file, where a folder is wanted")
     with pytest.raises(WriteError, match="cannot be written"):
@@ -472,7 +474,7 @@ def test_a_file_that_holds_no_grasps_is_never_replaced(frames, tmp_path, overwri
     assert (picture.read_bytes(), other.read_bytes()) == (b"a picture", packed)
 
 
-def test_a_damaged_file_of_grasps_is_made_anew_if_it_may_be(frames, tmp_path):
+def test_a_damaged_file_of_grasps_is_made_again_with_overwrite(frames, tmp_path):
     output = tmp_path / "grasps.h5"
     run(frames, output)
     whole = output.read_bytes()

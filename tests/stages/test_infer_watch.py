@@ -36,7 +36,7 @@ ROOT = Path(infer.__file__).parents[1]
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """Frames a, b and c, whole, from which cameras copy."""
+    """Complete frames a, b and c, which simulated cameras copy."""
     folder = tmp_path_factory.mktemp("made")
     for name, shapes in SHAPES.items():
         write_frame(folder, name, shapes)
@@ -44,7 +44,7 @@ def made(tmp_path_factory):
 
 
 class AtOnce(Executor):
-    """Does what it is given before it answers."""
+    """Runs each task at once, before `submit` returns."""
 
     def submit(self, task, /, *arguments, **options):
         done = Future()
@@ -53,7 +53,7 @@ class AtOnce(Executor):
 
 
 class Cell:
-    """A folder that frames come into, at times of a clock that passes only by waiting."""
+    """A folder that receives frames, at times of a clock that advances only by waiting."""
 
     def __init__(self, made, folder):
         self.made, self.output = made, folder / "g.h5"
@@ -88,7 +88,7 @@ class Cell:
     def report(self, frame):
         self.reported.append(frame)
 
-    def names_told(self):
+    def names_reported(self):
         return [(frame.name, frame.status) for frame in self.reported]
 
     def follow(self, *, timeout=30.0, config=CONFIG, options=OPTIONS, masks=None, overlays=None):
@@ -115,21 +115,21 @@ def cell(made, tmp_path):
     return Cell(made, tmp_path)
 
 
-def test_frames_are_reported_as_they_come_and_the_end_is_as_infer_writes_it(cell, tmp_path):
+def test_frames_are_reported_as_they_come_and_the_final_output_equals_that_of_infer(cell, tmp_path):
     cell.at(1.0, cell.write, "b")
     cell.at(2.0, cell.write, "a")
     cell.at(3.0, cell.write, "c")
     report = cell.follow()
-    assert cell.names_told() == [("b", "ok"), ("a", "ok"), ("c", "empty")]
+    assert cell.names_reported() == [("b", "ok"), ("a", "ok"), ("c", "empty")]
     assert (report.done, report.exit_code) == (["b", "a", "c"], 0)
     for frame in cell.reported:
-        assert 0.3 <= frame.seconds <= 0.5  # what it waits for them to be whole; work takes no time
+        assert 0.3 <= frame.seconds <= 0.5  # the wait for frames to be whole; work takes no time
         assert grasps_file.read_shard(Path(frame.text)).name == frame.name
     cell.infer(tmp_path / "plain.h5")
     assert cell.output.read_bytes() == (tmp_path / "plain.h5").read_bytes()
 
 
-def test_a_signal_does_not_wait_long_for_the_output_which_infer_puts_together(
+def test_a_signal_does_not_wait_long_for_the_output_and_infer_completes_it(
     cell, tmp_path, monkeypatch, caplog
 ):
     monkeypatch.setattr(following, "LONGEST_END", -1.0)
@@ -159,7 +159,7 @@ def test_all_frames_are_worked_on_in_the_same_few_threads(cell, monkeypatch):
     assert len(used) <= min(cpu_count(), MAX_THREADS)
 
 
-def test_infer_without_watch_finds_it_finished_and_removes_the_parts(cell):
+def test_infer_without_watch_finds_the_output_finished_and_removes_its_parts(cell):
     cell.write("a")
     cell.follow()
     assert grasps_file.parts_folder(cell.output).exists()
@@ -176,16 +176,16 @@ def test_infer_without_watch_goes_on_where_the_output_lacks_later_frames(cell, t
     cell.infer(tmp_path / "plain.h5")
     assert cell.output.read_bytes() == (tmp_path / "plain.h5").read_bytes()
     cell.write("c")
-    with pytest.raises(StaleOutputError):  # no parts lie beside the output any more
+    with pytest.raises(StaleOutputError):  # the output has no parts any more
         cell.infer(cell.output)
 
 
-def test_a_pair_that_is_half_written_is_waited_for(cell):
+def test_a_half_written_pair_is_not_read_yet(cell):
     cell.write("a", files=("camera.json", "color.png"))
     cell.at(1.0, cell.write_half, "a")
     cell.at(4.0, cell.write, "a")
     report = cell.follow()
-    assert cell.names_told() == [("a", "ok")]
+    assert cell.names_reported() == [("a", "ok")]
     assert report.exit_code == 0
     assert cell.reported[0].seconds <= 0.5
 
@@ -196,7 +196,7 @@ def test_a_frame_that_stays_bad_is_named_and_does_not_stop_the_others(cell):
     cell.at(1.0, cell.write, "a")
     cell.at(20.0, cell.write, "c")
     report = cell.follow()
-    assert cell.names_told() == [("a", "ok"), ("b", "failed"), ("c", "empty")]
+    assert cell.names_reported() == [("a", "ok"), ("b", "failed"), ("c", "empty")]
     assert "b_depth.png" in cell.reported[1].text
     assert 5.0 <= cell.reported[1].seconds < 6.0
     assert (list(report.failed), report.exit_code) == (["b"], 1)
@@ -210,17 +210,17 @@ def test_a_bad_frame_is_named_at_the_end_too(cell):
     assert cell.statuses() == {"b": "failed"}
 
 
-def test_a_frame_that_was_bad_is_done_once_it_is_whole(cell):
+def test_a_bad_frame_is_done_once_it_is_whole(cell):
     cell.write("b")
     cell.write_half("b")
     cell.at(10.0, cell.write, "b")
     report = cell.follow()
-    assert cell.names_told() == [("b", "failed"), ("b", "ok")]
+    assert cell.names_reported() == [("b", "failed"), ("b", "ok")]
     assert report.exit_code == 0
     assert cell.statuses() == {"b": "ok"}
 
 
-def test_it_ends_so_long_after_the_last_frame_and_no_sooner(cell):
+def test_the_watch_ends_at_the_timeout_after_the_last_frame_and_no_sooner(cell):
     cell.at(2.0, cell.write, "a")
     cell.at(6.5, cell.write, "b")
     cell.at(13.0, cell.write, "c")
@@ -233,11 +233,11 @@ def test_a_frame_written_again_is_done_again(cell):
     cell.write("a")
     cell.at(5.0, lambda: cell.write("c", as_name="a"))
     cell.follow()
-    assert cell.names_told() == [("a", "ok"), ("a", "empty")]
+    assert cell.names_reported() == [("a", "ok"), ("a", "empty")]
     assert cell.statuses() == {"a": "empty"}
 
 
-def test_the_files_read_meanwhile_are_whole_and_grow(cell):
+def test_outputs_read_during_the_watch_are_whole_and_grow(cell):
     seen = []
     for time in (1.0, 5.0, 9.0):
         cell.at(time, lambda: seen.append(cell.statuses() if cell.output.exists() else None))
@@ -248,7 +248,7 @@ def test_the_files_read_meanwhile_are_whole_and_grow(cell):
 
 
 class OnDemand(Executor):
-    """Begins only when it is waited for, as a busy thread would."""
+    """Begins a task only when its result is awaited, as a busy thread does."""
 
     def submit(self, task, /, *arguments, **options):
         class Late(Future):
@@ -267,13 +267,13 @@ def test_frames_do_not_wait_for_the_output_unless_they_are_in_it(cell):
     cell.at(9.0, lambda: cell.write("c", as_name="a"))
     cell.at(12.0, lambda: seen.append(cell.statuses()))
     cell.follow()
-    assert seen == [False, {"a": "ok"}]  # begun before b came, ended before a is written anew
-    assert cell.names_told()[:2] == [("a", "ok"), ("b", "ok")]
+    assert seen == [False, {"a": "ok"}]  # begun before b came, ended before a is written again
+    assert cell.names_reported()[:2] == [("a", "ok"), ("b", "ok")]
     assert cell.statuses() == {"a": "empty", "b": "ok"}
 
 
 class Slow(Executor):
-    """Does what it is given in 2 seconds of the cell's time."""
+    """Takes 2 seconds of the cell's time for each task."""
 
     def __init__(self, cell):
         self.cell, self.begun = cell, []
@@ -293,7 +293,7 @@ class Slow(Executor):
         return Later()
 
 
-def test_an_output_that_takes_long_is_put_together_in_a_tenth_of_the_time(cell):
+def test_putting_a_slow_output_together_takes_a_tenth_of_the_time(cell):
     cell.beside = Slow(cell)
     for count in range(12):
         cell.at(1.0 + 4.0 * count, lambda name=f"a{count}": cell.write("c", as_name=name))
@@ -304,7 +304,7 @@ def test_an_output_that_takes_long_is_put_together_in_a_tenth_of_the_time(cell):
     assert cell.statuses().keys() == {f"a{count}" for count in range(12)}
 
 
-def test_an_output_that_cannot_be_written_is_no_secret(cell, monkeypatch):
+def test_an_output_that_cannot_be_written_raises_an_error(cell, monkeypatch):
     def full(*arguments):
         raise OSError("no space left on device")
 
@@ -315,7 +315,7 @@ def test_an_output_that_cannot_be_written_is_no_secret(cell, monkeypatch):
         cell.follow()
 
 
-def test_a_frame_that_cannot_be_written_ends_it_and_it_goes_on_later(cell, monkeypatch):
+def test_a_frame_that_cannot_be_written_ends_the_watch_and_a_later_run_goes_on(cell, monkeypatch):
     def full(*arguments):
         raise OSError(errno.ENOSPC, "no space left on device")
 
@@ -330,7 +330,7 @@ def test_a_frame_that_cannot_be_written_ends_it_and_it_goes_on_later(cell, monke
     assert cell.statuses() == {"a": "ok", "b": "ok"}
 
 
-def test_a_file_of_somebody_else_is_not_overwritten(cell):
+def test_a_file_of_another_program_is_not_overwritten(cell):
     cell.output.write_bytes(b"a picture")
     with pytest.raises(SymgraspError, match=r"is no grasps\.h5"):
         cell.follow(options=dataclasses.replace(OPTIONS, overwrite=True))
@@ -338,7 +338,7 @@ def test_a_file_of_somebody_else_is_not_overwritten(cell):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_it_with_all_frames_so_far(cell, number):
+def test_a_signal_ends_the_watch_with_all_frames_so_far(cell, number):
     before = signal.getsignal(number)
     cell.write("a")
     cell.at(1.0, signal.raise_signal, number)
@@ -349,13 +349,13 @@ def test_a_signal_ends_it_with_all_frames_so_far(cell, number):
     assert signal.getsignal(number) == before
 
 
-def test_it_goes_on_from_the_results_of_an_earlier_run(cell, tmp_path):
+def test_the_watch_goes_on_from_the_results_of_an_earlier_run(cell, tmp_path):
     cell.write("b")
     cell.follow()
     cell.at(cell.time + 1.0, cell.write, "a")
     report = cell.follow()
     assert (report.skipped, report.done) == (["b"], ["a"])
-    assert cell.names_told() == [("b", "ok"), ("a", "ok")]
+    assert cell.names_reported() == [("b", "ok"), ("a", "ok")]
     cell.infer(tmp_path / "plain.h5")
     assert cell.output.read_bytes() == (tmp_path / "plain.h5").read_bytes()
 
@@ -371,7 +371,7 @@ def test_frames_that_the_camera_removes_are_kept_after_a_restart_too(cell):
     assert list(cell.statuses()) == ["b", "a", "c"]
 
 
-def test_an_output_of_other_settings_is_refused_and_overwrite_begins_anew(cell):
+def test_an_output_of_other_settings_is_refused_unless_overwritten(cell):
     cell.write("a")
     cell.follow()
     other = dataclasses.replace(CONFIG, gripper="franka")
@@ -383,7 +383,7 @@ def test_an_output_of_other_settings_is_refused_and_overwrite_begins_anew(cell):
     assert cell.statuses() == {"b": "ok"}
 
 
-def test_results_that_are_nowhere_else_are_not_overwritten(cell):
+def test_results_of_removed_frames_are_not_overwritten(cell):
     cell.write("a")
     cell.infer(cell.output)
     cell.remove("a")
@@ -398,7 +398,7 @@ def test_without_a_frame_nothing_is_written(cell):
     assert not cell.output.exists()
 
 
-def test_wishes_that_cannot_be_met_are_one_sentence_each(cell, tmp_path):
+def test_options_that_a_watch_cannot_take_give_one_sentence_each(cell, tmp_path):
     with pytest.raises(SymgraspError, match="--masks"):
         cell.follow(masks=tmp_path)
     for options in ({"workers": 2}, {"backend": "dask"}, {"dry_run": True}):
@@ -409,7 +409,7 @@ def test_wishes_that_cannot_be_met_are_one_sentence_each(cell, tmp_path):
         cell.follow()
 
 
-def test_a_folder_that_is_away_for_a_moment_is_waited_for(cell, caplog):
+def test_the_watch_waits_for_a_folder_that_disappears_for_a_moment(cell, caplog):
     away = cell.frames.with_name("away")
     cell.write("a")
     cell.at(1.0, cell.frames.rename, away)
@@ -463,7 +463,7 @@ def test_a_frame_that_is_removed_file_by_file_keeps_its_grasps(cell):
     cell.at(5.0, cell.remove, "b")
     cell.at(6.0, cell.write, "a")
     report = cell.follow()
-    assert cell.names_told() == [("b", "ok"), ("a", "ok")]
+    assert cell.names_reported() == [("b", "ok"), ("a", "ok")]
     assert (report.failed, cell.statuses()) == ({}, {"b": "ok", "a": "ok"})
     assert grasps_of(cell, "b") > 0
     cell.at(cell.time + 1.0, cell.write, "c")
@@ -471,7 +471,7 @@ def test_a_frame_that_is_removed_file_by_file_keeps_its_grasps(cell):
     assert list(cell.statuses()) == ["b", "a", "c"]
 
 
-def test_a_frame_that_is_replaced_slowly_has_its_old_grasps_until_the_new_are_there(cell):
+def test_a_frame_that_is_replaced_slowly_keeps_its_old_grasps_until_the_new_are_found(cell):
     seen = []
     cell.write("b")
     cell.at(4.0, cell.write_half, "b")
@@ -482,15 +482,15 @@ def test_a_frame_that_is_replaced_slowly_has_its_old_grasps_until_the_new_are_th
     ((statuses, before),) = seen
     assert statuses == {"a": "ok", "b": "ok"}
     assert before > 0
-    assert cell.names_told() == [("b", "ok"), ("a", "ok"), ("b", "empty")]
+    assert cell.names_reported() == [("b", "ok"), ("a", "ok"), ("b", "empty")]
     assert (report.exit_code, cell.statuses()) == (0, {"a": "ok", "b": "empty"})
 
 
-def test_a_frame_that_stays_bad_after_it_was_done_has_failed_and_has_no_part(cell):
+def test_a_finished_frame_that_turns_bad_has_failed_and_has_no_part(cell):
     cell.write("b")
     cell.at(4.0, cell.write_half, "b")
     report = cell.follow()
-    assert cell.names_told() == [("b", "ok"), ("b", "failed")]
+    assert cell.names_reported() == [("b", "ok"), ("b", "failed")]
     assert (list(report.failed), cell.statuses()) == (["b"], {"b": "failed"})
     assert not grasps_file.shard_path(cell.output, "b").exists()
 
@@ -506,7 +506,7 @@ def test_grasps_of_a_frame_that_is_bad_at_the_end_are_not_lost_for_good(cell):
     assert cell.statuses() == {"b": "ok", "a": "ok"}
 
 
-def test_a_part_that_somebody_took_is_left_out_with_a_warning(cell, caplog):
+def test_a_removed_part_is_left_out_with_a_warning(cell, caplog):
     cell.write("a")
     cell.at(4.0, grasps_file.shard_path(cell.output, "a").unlink)
     cell.at(5.0, cell.write, "b")

@@ -1,4 +1,4 @@
-"""`inspect`: says what there is, and fails what cannot be read, without running anything."""
+"""`inspect`: lists frames, and fails unreadable ones, without running a network."""
 
 import sys
 from pathlib import Path
@@ -24,7 +24,7 @@ def two_layouts(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_frames_that_are_alike_are_told_together(two_layouts: Path) -> None:
+def test_similar_frames_are_listed_together(two_layouts: Path) -> None:
     findings = inspect_frames.run(two_layouts, CONFIG)
     assert findings.found == {"BOP scene": 2, "flat pairs": 2}
     assert [len(group) for group in findings.groups] == [2, 2]
@@ -38,13 +38,13 @@ def test_frames_that_are_alike_are_told_together(two_layouts: Path) -> None:
     assert 0.88 < far < 0.91
 
 
-def test_frames_of_another_camera_are_told_apart(tmp_path: Path) -> None:
+def test_frames_of_another_camera_are_listed_separately(tmp_path: Path) -> None:
     build.flat(tmp_path)
     (tmp_path / "1_camera.json").write_text('{"fx": 70, "fy": 61, "cx": 23.5, "cy": 17.5}')
     assert len(inspect_frames.run(tmp_path, CONFIG).groups) == 2
 
 
-def test_what_is_odd_is_said(tmp_path: Path) -> None:
+def test_odd_properties_of_frames_are_reported(tmp_path: Path) -> None:
     build.flat(tmp_path)
     twice = np.repeat(np.repeat(build.color(0), 2, axis=0), 2, axis=1)
     build.image(tmp_path / "0_color.png", twice)
@@ -52,7 +52,7 @@ def test_what_is_odd_is_said(tmp_path: Path) -> None:
     assert "colour of 96x72 is resampled to the depth (1x)" in text
 
 
-def test_of_many_frames_some_are_read(tmp_path: Path) -> None:
+def test_only_some_of_many_frames_are_read(tmp_path: Path) -> None:
     for i in range(9):
         build.pair(tmp_path / f"{i}_color.png", tmp_path / f"{i}_depth.png", i)
     (tmp_path / "intrinsics.txt").write_text("60 61 23.5 17.5")
@@ -64,7 +64,7 @@ def test_of_many_frames_some_are_read(tmp_path: Path) -> None:
     ]
 
 
-def test_what_cannot_be_read_is_failed_with_the_sentence(two_layouts: Path) -> None:
+def test_frames_that_cannot_be_read_fail_with_one_sentence(two_layouts: Path) -> None:
     (two_layouts / "flat/0_depth.png").write_bytes(b"")
     findings = inspect_frames.run(two_layouts, CONFIG)
     assert list(findings.report.failed) == ["flat/0"]
@@ -73,7 +73,7 @@ def test_what_cannot_be_read_is_failed_with_the_sentence(two_layouts: Path) -> N
         inspect_frames.run(two_layouts / "bop_scene/rgb", CONFIG)
 
 
-def test_the_command_speaks_on_stdout_and_writes_nothing(two_layouts: Path) -> None:
+def test_the_command_prints_on_stdout_and_writes_no_file(two_layouts: Path) -> None:
     before = sorted(two_layouts.rglob("*"))
     result = CliRunner().invoke(app, ["inspect", str(two_layouts), "--intrinsics", "60,61,23,17"])
     assert result.exit_code == 0

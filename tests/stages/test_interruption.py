@@ -1,4 +1,4 @@
-"""Signals at random moments: `SYMGRASP_INTERRUPTIONS=100` for that many of each kind.
+"""Signals at random moments: `SYMGRASP_INTERRUPTIONS=100` makes 100 of each kind.
 
 `python -m tests.stages.interruption --help` tries all long stages.
 """
@@ -24,7 +24,7 @@ def stage(tmp_path_factory):
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
 @pytest.mark.parametrize("seed", range(TRIALS))
-def test_a_run_ends_at_any_moment_and_goes_on_to_the_same_bytes(stage, number, seed):
+def test_a_run_interrupted_at_any_moment_ends_and_resumes_to_the_same_bytes(stage, number, seed):
     moment = random.Random(seed).uniform(0.2, 0.9) * stage.seconds
     again = number == signal.SIGKILL
     assert not trial(stage, number, moment, again=again).wrong

@@ -73,7 +73,7 @@ def test_a_folder_of_meshes_becomes_a_dataset_root(meshes: Path, tmp_path: Path)
     ]
 
 
-def test_the_arrays_are_what_the_originals_loader_reads(meshes: Path, tmp_path: Path) -> None:
+def test_the_originals_loader_reads_the_arrays(meshes: Path, tmp_path: Path) -> None:
     # graspnetAPI's loadGraspLabels: np.load, three arrays by name, to float32.
     label(meshes / "box.ply", tmp_path / "out")
     path = tmp_path / "out" / "grasp_label" / f"{str(0).zfill(3)}_labels.npz"
@@ -86,7 +86,7 @@ def test_the_arrays_are_what_the_originals_loader_reads(meshes: Path, tmp_path: 
     assert scores.shape == collision.shape == (3, 300, 12, 4)
     assert collision.dtype == np.bool_
     assert {file[name].dtype for name in ("points", "offsets", "scores")} == {np.dtype("f4")}
-    # loadGrasp's mask, and the columns it makes of what passes.
+    # loadGrasp's mask, and the columns that it makes of the remaining grasps.
     mask = (scores <= 0.4) & (scores > 0) & ~collision
     assert mask.any()
     angle, depth, width = offsets[mask].T
@@ -108,7 +108,7 @@ def test_a_second_run_skips_and_other_settings_are_refused(meshes: Path, tmp_pat
     assert content(tmp_path / "out") == before
 
 
-def test_workers_and_a_kill_halfway_change_no_byte(
+def test_workers_and_a_kill_in_the_middle_change_no_byte(
     meshes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(label_grasps, "POINTS_A_PART", 1)
@@ -129,7 +129,7 @@ def test_workers_and_a_kill_halfway_change_no_byte(
         label(meshes, tmp_path / "cut")
     assert not list((tmp_path / "cut" / "grasp_label").glob("*.npz"))
     label(meshes, tmp_path / "cut")
-    assert len(written) == 2 + 5  # the first part was not made again
+    assert len(written) == 2 + 5  # the first part is not made again
     assert content(tmp_path / "two") == content(tmp_path / "one")
     assert content(tmp_path / "cut") == content(tmp_path / "one")
 
@@ -149,7 +149,7 @@ def test_parts_of_other_settings_are_not_joined(
     assert content(tmp_path / "out") == content(tmp_path / "fresh")
 
 
-def test_compressed_labels_hold_the_same_in_less(meshes: Path, tmp_path: Path) -> None:
+def test_compressed_labels_hold_the_same_in_fewer_bytes(meshes: Path, tmp_path: Path) -> None:
     label(meshes / "box.ply", tmp_path / "plain")
     label(meshes / "box.ply", tmp_path / "zipped", compress=True)
     paths = [GraspNetRoot(tmp_path / name).grasp_label_path(0) for name in ("plain", "zipped")]
@@ -199,7 +199,7 @@ def test_a_mesh_turned_inside_out_is_turned_back(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("which", ["all", "some"])
-def test_an_open_mesh_that_looks_inward_gets_the_labels_of_one_that_does_not(
+def test_an_open_mesh_with_inward_normals_gets_the_same_labels_as_one_without(
     which: str, tmp_path: Path
 ) -> None:
     good = box()
@@ -219,7 +219,7 @@ def test_an_open_mesh_that_looks_inward_gets_the_labels_of_one_that_does_not(
     assert np.mean(one.min_friction > 0) == pytest.approx(np.mean(other.min_friction > 0), rel=0.05)
 
 
-def test_a_root_labelled_in_place_has_labels_of_meshes_that_look_inward(
+def test_a_root_labelled_in_place_has_labels_of_meshes_with_inward_normals(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     good, root = box(), tmp_path / "root"
@@ -240,14 +240,14 @@ def test_more_meshes_get_the_next_numbers(meshes: Path, tmp_path: Path) -> None:
     assert sorted(report.skipped) == ["000 box", "001 rod"]
 
 
-def test_a_mended_mesh_fills_the_gap_that_it_left(meshes: Path, tmp_path: Path) -> None:
+def test_a_repaired_mesh_gets_the_number_reserved_for_it(meshes: Path, tmp_path: Path) -> None:
     (meshes / "lid.ply").write_bytes(b"")
     assert label(meshes, tmp_path / "out").done == ["000 box", "002 rod"]
     write_mesh(meshes / "lid.ply", box(0.03))
     assert label(meshes, tmp_path / "out").done == ["001 lid"]
 
 
-def test_the_command_names_what_fails_and_exits_with_1(meshes: Path, tmp_path: Path) -> None:
+def test_the_command_names_failed_meshes_and_exits_with_1(meshes: Path, tmp_path: Path) -> None:
     (meshes / "lid.ply").write_bytes(b"")
     arguments = ["label-grasps", str(meshes), "--out", str(tmp_path / "out"), "--points", "1"]
     result = CliRunner().invoke(app, [*arguments, "--no-sdf"])
@@ -282,7 +282,7 @@ def test_a_dry_run_writes_nothing(meshes: Path, tmp_path: Path) -> None:
     assert content(tmp_path / "out") == before
 
 
-def test_a_kill_before_a_label_is_replaced_leaves_none_under_another_stamp(
+def test_a_kill_before_a_label_is_replaced_leaves_no_label_with_another_stamp(
     meshes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def killed(*_: object, **__: object) -> None:
@@ -304,7 +304,7 @@ def test_a_kill_before_a_label_is_replaced_leaves_none_under_another_stamp(
     assert len(read_grasp_label(path).points) == 2
 
 
-def test_a_mesh_too_small_to_be_held_is_remarked_on(meshes: Path, tmp_path: Path) -> None:
+def test_a_mesh_too_small_to_be_held_gives_a_note(meshes: Path, tmp_path: Path) -> None:
     report = label(meshes / "box.ply", tmp_path / "out", mesh_scale=0.001)
     assert "0.108 mm" in report.notes["000 box"]
     assert "--mesh-scale" in report.notes["000 box"]
@@ -313,7 +313,7 @@ def test_a_mesh_too_small_to_be_held_is_remarked_on(meshes: Path, tmp_path: Path
     assert "--mesh-scale" not in again.notes.get("000", "")
 
 
-def test_collision_labels_of_earlier_labels_are_remarked_on(tmp_path: Path) -> None:
+def test_collision_labels_of_earlier_labels_give_a_note(tmp_path: Path) -> None:
     root = GraspNetRoot(tmp_path / "root")
     for object_id in (0, 1):
         write_mesh(root.model_path(object_id), box())
@@ -333,7 +333,7 @@ def test_collision_labels_of_earlier_labels_are_remarked_on(tmp_path: Path) -> N
     assert "of 2 scenes (first scene_0001) belong to the earlier grasp labels" in note
 
 
-def test_points_follow_the_area_within_bounds() -> None:
+def test_the_number_of_points_follows_the_area_within_bounds() -> None:
     assert label_grasps.number_of_points(box(), CONFIG) == 3
     config = LabelGraspsConfig()
     assert label_grasps.number_of_points(box(), config) == round(box().area / 32e-6)
@@ -341,7 +341,7 @@ def test_points_follow_the_area_within_bounds() -> None:
     assert label_grasps.number_of_points(box(1.0), config) == 3500
 
 
-def test_no_meshes_is_one_sentence(tmp_path: Path) -> None:
+def test_a_folder_without_meshes_is_reported_in_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(SymgraspError, match="does not exist"):
         label(tmp_path / "none", tmp_path / "out")
     (tmp_path / "empty").mkdir()

@@ -1,4 +1,4 @@
-"""The pack stage: region clouds whose labels are those of the posed objects."""
+"""The pack stage: region clouds with the labels of the posed objects."""
 
 import shutil
 import signal
@@ -81,7 +81,7 @@ def poses_of(root, frame_id):
     return {pose.object_id: pose.T_cam_obj for pose in root.read_annotation(frame)}
 
 
-def test_every_visible_region_of_every_frame_is_there(packed):
+def test_every_visible_region_of_every_frame_is_packed(packed):
     found = {
         (int(frame), int(object_id), str(name))
         for frame, object_id, name in zip(
@@ -92,7 +92,7 @@ def test_every_visible_region_of_every_frame_is_there(packed):
         assert {(frame, 0, "whole"), (frame, 1, "whole"), (frame, 2, "part0")} <= found
 
 
-def test_nothing_is_nan_but_empty_slots(packed):
+def test_only_empty_slots_are_nan(packed):
     assert np.isfinite(packed.points).all()
     assert ((packed.affordance >= 0) & (packed.affordance <= 1)).all()
     full = packed.existence > 0.5
@@ -108,7 +108,7 @@ def test_most_points_lie_on_their_posed_object(root, packed, surfaces):
         assert np.mean(surfaces[object_id].distances(points_obj)[0] < 0.003) > 0.6
 
 
-def test_symmetries_are_the_objects_moved_by_its_pose(root, packed):
+def test_symmetries_equal_the_objects_moved_by_its_pose(root, packed):
     for row in range(len(packed)):
         object_id = int(packed.object_id[row])
         pose = poses_of(root, int(packed.frame_id[row]))[object_id]
@@ -139,7 +139,7 @@ def test_the_same_seed_packs_the_same_bytes_and_another_does_not(root, tmp_path)
     assert files[0] != files[2]
 
 
-def test_exact_masks_hold_points_of_the_region_alone(root, surfaces, tmp_path):
+def test_exact_masks_hold_only_points_of_the_region(root, surfaces, tmp_path):
     config = PackConfig(num_points=256, min_pixels=100, mask_noise=False)
     pack.run(root.root, tmp_path, config, options=QUIET)
     scene = packed_regions.read(tmp_path / f"{NAME}.h5")
@@ -173,7 +173,7 @@ def test_a_scene_whose_pictures_were_replaced_is_not_reused(root, tmp_path):
     assert "other settings or inputs" in again.failed[NAME]
 
 
-def test_a_split_without_scenes_is_one_sentence(root, tmp_path):
+def test_a_split_without_scenes_is_reported_in_one_sentence(root, tmp_path):
     with pytest.raises(SymgraspError, match="novel scene"):
         pack.run(root.root, tmp_path, CONFIG, split="novel", options=QUIET)
 
@@ -193,7 +193,7 @@ def test_counterparts_of_packed_points_lie_on_the_posed_object(root, surfaces, t
     assert checked > 6
 
 
-# Two boxes apart, so that each is a region of which some of every pose is seen.
+# Two separate boxes, so that each is a region that is partly visible in every pose.
 BOXES = [trimesh.creation.box((0.05, 0.05, 0.05)) for _ in range(2)]
 BOXES[1].apply_translation((0.09, 0.0, 0.0))
 PAIR = trimesh.util.concatenate(BOXES)
@@ -203,7 +203,7 @@ CAMERA = Intrinsics(60.0, 60.0, 31.5, 23.5, 64, 48)
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32 - 1))
-def test_symmetries_of_the_camera_frame_are_those_of_the_posed_points(seed):
+def test_symmetries_in_the_camera_frame_are_symmetries_of_the_posed_points(seed):
     rng = np.random.default_rng(seed)
     pose = make_pose(random_rotation(rng), [*rng.uniform(-0.05, 0.05, 2), 0.5])
     regions = [
@@ -273,7 +273,7 @@ def unknown_object(camera):
 
 
 BOMB = '<!DOCTYPE s [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;">]><scene>&b;'
-# What is wrong with a scene, and words of the sentence that says so.
+# A fault of a scene, and words of the error about it.
 FAULTS = {
     "a depth image is missing": (lambda c: (c / "depth/0000.png").unlink(), "depth/0000.png does"),
     "depth of another size": (smaller_depth, "160x120"),
@@ -291,7 +291,7 @@ FAULTS = {
 }
 
 
-def test_scenes_at_fault_are_a_sentence_each_and_the_rest_is_packed(root, tmp_path):
+def test_scenes_at_fault_give_one_sentence_each_and_the_rest_is_packed(root, tmp_path):
     other = GraspNetRoot(shutil.copytree(root.root, tmp_path / "copy"))
     for number, (damage, _) in enumerate(FAULTS.values(), start=1):
         shutil.copytree(other.scene_folder(0), other.scene_folder(number))
@@ -306,7 +306,7 @@ def test_scenes_at_fault_are_a_sentence_each_and_the_rest_is_packed(root, tmp_pa
     assert [path.name for path in (tmp_path / "out").iterdir()] == [f"{NAME}.h5"]
 
 
-def test_poses_with_their_children_and_objects_in_another_order_give_the_same_regions(
+def test_poses_in_another_order_of_children_and_objects_give_the_same_regions(
     root, tmp_path, packed
 ):
     other = GraspNetRoot(shutil.copytree(root.root, tmp_path / "copy"))
@@ -321,7 +321,7 @@ def test_poses_with_their_children_and_objects_in_another_order_give_the_same_re
         assert_array_equal(getattr(again, name), getattr(packed, name))
 
 
-def test_labels_written_anew_are_read_anew(root, tmp_path):
+def test_labels_that_are_written_again_are_read_again(root, tmp_path):
     other = GraspNetRoot(shutil.copytree(root.root, tmp_path / "copy"))
     pack.run(other.root, tmp_path / "a", CONFIG, options=QUIET)
     refine = RefineGraspsConfig(contact_radius=1e-6, num_surface_points=1024)

@@ -1,4 +1,4 @@
-"""Real things in masks that a person drew are grasped, with the table's depth and without any."""
+"""Real objects in masks that a person drew are grasped, with the table's depth and without."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.skipif(not FRAMES.is_dir(), reason=f"{FRAMES} is not th
 
 
 @pytest.mark.parametrize("alone", [False, True], ids=["with the table", "alone"])
-def test_nearly_all_masked_things_are_grasped(tmp_path, alone):
+def test_nearly_all_masked_objects_are_grasped(tmp_path, alone):
     (tmp_path / "frames").mkdir()
     count = 0
     for frame in labelled_frames():

@@ -1,4 +1,4 @@
-"""Regions and symmetries of real frames against masks drawn, and symmetries seen, by a person."""
+"""Regions and symmetries of real frames, against masks and symmetries noted by a person."""
 
 import numpy as np
 import pytest
@@ -20,23 +20,23 @@ def share(right):
     return len(right) - len(missed), f"{len(right) - len(missed)} of {len(right)}, missed {missed}"
 
 
-def test_four_of_five_instances_are_regions(instances):
-    count, told = share({each.name: each.overlap >= 0.5 for each in instances})
+def test_four_of_five_instances_are_found_as_regions(instances):
+    count, verdicts = share({each.name: each.overlap >= 0.5 for each in instances})
     assert len(instances) == 38
-    assert count >= 0.8 * len(instances), told
+    assert count >= 0.8 * len(instances), verdicts
 
 
 def test_four_of_five_upright_axes_stand_on_the_table(instances):
     upright = [each for each in instances if each.kind == "rotation" and each.upright]
     cosine = {each.name: abs(float(each.direction[3] @ each.up)) for each in upright}
-    count, told = share({name: value > np.cos(WITHIN) for name, value in cosine.items()})
+    count, verdicts = share({name: value > np.cos(WITHIN) for name, value in cosine.items()})
     assert len(upright) == 10
-    assert count >= 0.8 * len(upright), told
+    assert count >= 0.8 * len(upright), verdicts
 
 
 def test_four_of_five_boxes_have_an_upright_plane(instances):
     boxes = [each for each in instances if each.shape.startswith("box")]
     lean = {each.name: np.abs(each.direction[:3] @ each.up) for each in boxes}
-    count, told = share({name: (value < np.sin(WITHIN)).any() for name, value in lean.items()})
+    count, verdicts = share({name: (value < np.sin(WITHIN)).any() for name, value in lean.items()})
     assert len(boxes) == 13
-    assert count >= 0.8 * len(boxes), told
+    assert count >= 0.8 * len(boxes), verdicts

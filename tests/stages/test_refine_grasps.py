@@ -71,7 +71,7 @@ def test_every_object_gets_its_file(root):
     assert all(len(label.affordance) == CONFIG.num_surface_points for label in labels)
 
 
-def test_a_mesh_that_looks_inward_is_turned_and_one_that_is_another_fails(root, tmp_path, caplog):
+def test_a_mesh_with_inward_normals_is_turned_and_another_mesh_fails(root, tmp_path, caplog):
     shutil.copytree(root.root, tmp_path / "root")
     copy = GraspNetRoot(tmp_path / "root")
     inward, other = (copy.model_path(i) for i in (0, 1))
@@ -135,7 +135,7 @@ def test_infeasible_and_colliding_candidates_are_left_out(root):
     assert labels.counts.num_labelled == labels.counts.num_points_after == 0
 
 
-def test_working_through_a_label_in_pieces_changes_nothing(root):
+def test_reading_a_label_in_pieces_does_not_change_the_result(root):
     whole = refined(root, 1)
     config = RefineGraspsConfig(copies_per_turn=12, num_surface_points=1024, chunk=14400)
     pieces = refined(root, 1, config)
@@ -143,7 +143,7 @@ def test_working_through_a_label_in_pieces_changes_nothing(root):
     assert_allclose(pieces.affordance, whole.affordance)
 
 
-def test_a_region_is_copied_by_its_own_symmetry_alone(root):
+def test_grasps_of_a_region_are_copied_only_by_its_own_symmetry(root):
     labels = affordance_labels.read(root.affordance_path(2))
     assert len(labels.quality) > 1000
     assert np.count_nonzero(labels.affordance) > 0.8 * len(labels.affordance)
@@ -171,7 +171,7 @@ def test_a_changed_grasp_label_makes_the_affordance_stale(root, tmp_path):
     assert report.skipped == ["001", "002"]
 
 
-def test_the_counts_say_what_became_of_the_grasps(root):
+def test_the_counts_hold_the_outcomes_of_the_grasps(root):
     labels = affordance_labels.read(root.affordance_path(1))
     counts = labels.counts
     assert counts == refined(root, 1).counts
@@ -197,7 +197,7 @@ def test_at_most_the_documented_numbers_are_kept(root):
     assert labels.counts.num_distinct > 100
 
 
-def test_affordance_is_that_of_all_grasps_however_few_are_kept(root):
+def test_affordance_is_computed_from_all_grasps_even_if_few_are_kept(root):
     for object_id in range(3):
         plenty = refined(root, object_id)
         config = RefineGraspsConfig(
@@ -208,10 +208,10 @@ def test_affordance_is_that_of_all_grasps_however_few_are_kept(root):
         assert_allclose(scarce.affordance, plenty.affordance)
 
 
-def test_affordance_explains_itself_by_the_pairs(root):
+def test_affordance_follows_from_the_contact_pairs(root):
     labels, radius = affordance_labels.read(root.affordance_path(1)), CONFIG.contact_radius
     spread = point_affordance(labels.points, labels.contacts, labels.quality, radius)
-    # Half a radius apart, one grasp stands for all at its place.
+    # At half the radius, one kept grasp represents all grasps at its place.
     wider = point_affordance(labels.points, labels.contacts, labels.quality, 0.5 * radius)
     assert (labels.affordance <= spread + 1e-6).mean() > 0.99
     assert (labels.affordance >= wider - 1e-6).mean() > 0.99
@@ -223,7 +223,7 @@ def shape(made):
 
 X, Y, Z = np.eye(3)
 ORIGIN = np.zeros(3)
-# Meshes that are symmetric to the last triangle, and what they are symmetric under.
+# Meshes that are symmetric to the last triangle, and their symmetries.
 EXACT = {
     "box": (
         shape(trimesh.creation.box((0.06, 0.04, 0.08))),
@@ -275,7 +275,7 @@ def test_copies_need_the_friction_of_their_originals_on_a_symmetric_mesh(seed, n
 
 @settings(max_examples=12, deadline=None)
 @given(seeds, st.sampled_from(sorted(EXACT)))
-def test_validated_copies_are_those_that_are_not_on_a_symmetric_mesh(seed, name):
+def test_validation_keeps_the_copies_on_a_symmetric_mesh(seed, name):
     mesh, symmetries = EXACT[name]
     rated = held_grasps(mesh, np.random.default_rng(seed))
     validate = RefineGraspsConfig(copies_per_turn=12, validate_copies=True)
@@ -283,12 +283,12 @@ def test_validated_copies_are_those_that_are_not_on_a_symmetric_mesh(seed, name)
     checked, dropped = copied(mesh, rated, symmetries, validate)
     assert dropped <= 0.02 * len(plain)
     assert len(checked) == len(plain) - dropped
-    # Measured on the labels' grid: 0.1 lower at most, never better.
+    # Quality on the labels' grid: at most 0.1 lower, never higher.
     own = checked.quality[len(rated) :]
     assert np.isin((own * 10).round(6), np.arange(10)).all()
 
 
-def test_validation_drops_copies_on_what_a_symmetry_gets_wrong():
+def test_validation_drops_copies_where_a_symmetry_is_wrong():
     ball, box = trimesh.creation.icosphere(3, 0.03), trimesh.creation.box((0.03, 0.03, 0.03))
     box.apply_translation((0.0, 0.0, 0.045))
     mesh = shape(trimesh.util.concatenate([ball, box]))
@@ -305,7 +305,7 @@ def test_validation_drops_copies_on_what_a_symmetry_gets_wrong():
     assert len(kept[True]) < len(kept[False])
 
 
-def test_a_regions_symmetry_copies_the_grasps_of_that_region_alone():
+def test_a_regions_symmetry_copies_only_grasps_of_that_region():
     ball, box = trimesh.creation.icosphere(3, 0.03), trimesh.creation.box((0.03, 0.03, 0.03))
     box.apply_translation((0.0, 0.0, 0.1))
     mesh = shape(trimesh.util.concatenate([ball, box]))
@@ -350,7 +350,7 @@ def test_grasps_with_a_finger_off_the_region_are_not_copied_where_the_copies_wou
 
 
 def damaged(root, tmp_path, damages):
-    """A root of one object a damage, with objects 0 to 2 as they should be, and its report."""
+    """A root with one object for each damage after the sound objects 0 to 2, and its report."""
     other = GraspNetRoot(shutil.copytree(root.root, tmp_path / "copy"))
     shutil.rmtree(other.affordance_path(0).parent)
     for number, damage in enumerate(damages, start=10):
@@ -360,7 +360,7 @@ def damaged(root, tmp_path, damages):
     return refine_grasps.run(other.root, CONFIG, options=QUIET)
 
 
-def test_bad_labels_are_a_sentence_each_and_the_rest_is_done(root, tmp_path):
+def test_bad_labels_give_one_sentence_each_and_the_rest_is_done(root, tmp_path):
     def changed(**arrays):
         def damage(good, bad):
             with np.load(good) as content:
@@ -373,7 +373,7 @@ def test_bad_labels_are_a_sentence_each_and_the_rest_is_done(root, tmp_path):
     def cut(good, bad):
         bad.write_bytes(good.read_bytes()[:-200])
 
-    huge = np.broadcast_to(np.float32(0), (400, 300, 12, 4))  # 23 MB of nothing
+    huge = np.broadcast_to(np.float32(0), (400, 300, 12, 4))  # 23 MB of zeros
     report = damaged(
         root,
         tmp_path,

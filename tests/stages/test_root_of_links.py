@@ -1,4 +1,4 @@
-"""A root of links to a dataset that is only read: annotations lie beside the links."""
+"""A root of links to a dataset that is only read; annotations are written next to the links."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from pipelines.frames.frames import find_frames
 from tests.frames.layouts import build
 
 
-def test_a_root_of_links_is_read_and_annotated_beside_the_links(tmp_path: Path) -> None:
+def test_a_root_of_links_is_read_and_annotated_next_to_the_links(tmp_path: Path) -> None:
     data, work = tmp_path / "data", tmp_path / "work"
     build.graspnet_scene(data / "scenes/scene_0100/kinect")
     (data / "models/007").mkdir(parents=True)

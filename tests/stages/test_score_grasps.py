@@ -1,4 +1,4 @@
-"""score-grasps: any rows on any mesh, faults named, nothing lost."""
+"""score-grasps: any rows on any mesh, named faults, and no lost row."""
 
 import numpy as np
 import pytest
@@ -47,10 +47,10 @@ def run(mesh_path, rows, *, compatible=False, overwrite=False):
     return report, read_npz(out)
 
 
-def test_a_mesh_turned_inside_out_is_scored_as_it_is_meant(mesh_path):
+def test_a_mesh_turned_inside_out_is_scored_as_if_turned_back(mesh_path):
     _, verdicts = run(mesh_path, rows_across())
     solid = box(*SIDES)
-    write_mesh(mesh_path, Mesh(solid.vertices, solid.faces[2:, ::-1]))  # and open on one side
+    write_mesh(mesh_path, Mesh(solid.vertices, solid.faces[2:, ::-1]))  # and with one side open
     report, turned = run(mesh_path, rows_across(), overwrite=True)
     assert report.notes["box.ply"] == "turned its triangles, which looked inward"
     np.testing.assert_array_equal(turned["min_friction"], verdicts["min_friction"])
@@ -71,7 +71,7 @@ def test_a_tilted_grasp_across_two_faces_needs_the_tangent_of_its_tilt(mesh_path
     assert not verdicts["empty"].any()
 
 
-def test_the_compatible_mode_differs_only_by_contacts_it_misses_and_edges(mesh_path):
+def test_the_compatible_mode_differs_only_by_missed_contacts_and_edges(mesh_path):
     rows = to_graspnet(random_grasps(np.random.default_rng(0), 500, 0.005), 1.0, tip_reach=0.0)
     rows[:, 1] = 0.09
     exact = run(mesh_path, rows)[1]
@@ -83,7 +83,7 @@ def test_the_compatible_mode_differs_only_by_contacts_it_misses_and_edges(mesh_p
     assert same[both].mean() > 0.9
 
 
-def test_a_grid_beside_the_mesh_is_taken_as_graspnetapi_does(mesh_path):
+def test_a_grid_next_to_the_mesh_is_read_as_by_graspnetapi(mesh_path):
     rows = rows_across(2)
     rows[:, 4:13] = (TILT @ rows[:, 4:13].reshape(-1, 3, 3)).reshape(-1, 9)
     computed = run(mesh_path, rows, compatible=True)[1]
@@ -97,7 +97,7 @@ def test_a_grid_beside_the_mesh_is_taken_as_graspnetapi_does(mesh_path):
 
 
 @pytest.mark.parametrize("compatible", [False, True])
-def test_collision_and_emptiness(mesh_path, compatible):
+def test_colliding_and_empty_grasps_are_marked(mesh_path, compatible):
     rows = rows_across(3)
     rows[1, 1] = 0.03  # the fingers are in the box
     rows[2, 13] = 0.3
@@ -162,9 +162,7 @@ def test_bad_rows_are_named_and_the_rest_is_scored(mesh_path):
 
 
 @pytest.mark.parametrize("compatible", [False, True])
-def test_what_is_beyond_all_measure_is_named_and_what_is_only_far_touches_nothing(
-    mesh_path, compatible
-):
+def test_rows_kilometres_away_are_named_and_other_far_rows_touch_nothing(mesh_path, compatible):
     rows = rows_across(6)
     rows[:4, [13, 14, 3, 15]] += np.diag([1e300, 1e7, -1e9, 5.0])
     rows[4, 13:16] = -999.0
@@ -175,7 +173,7 @@ def test_what_is_beyond_all_measure_is_named_and_what_is_only_far_touches_nothin
     assert verdicts["found"][5] or compatible  # the peer loses contacts on flat faces
 
 
-def test_a_mesh_with_holes_is_scored_and_said_to_have_some(mesh_path):
+def test_a_mesh_with_holes_is_scored_with_a_note(mesh_path):
     mesh = box(*SIDES)
     write_mesh(mesh_path, Mesh(mesh.vertices, mesh.faces[:-1]))
     report, _ = run(mesh_path, rows_across(), compatible=True)
@@ -191,14 +189,14 @@ def test_a_rotation_rounded_to_half_precision_is_a_rotation(mesh_path):
     assert run(mesh_path, rows)[0].exit_code == 0
 
 
-def test_no_rows_no_verdicts(mesh_path):
+def test_no_rows_give_no_verdicts(mesh_path):
     report, verdicts = run(mesh_path, np.zeros((0, 17)))
     assert report.exit_code == 0
     assert all(len(verdicts[name]) == 0 for name in VERDICT_ARRAYS)
     assert len(run(mesh_path, np.zeros((0, 17)), compatible=True, overwrite=True)[1]["found"]) == 0
 
 
-def test_planar_rows_are_refused_with_what_is_expected(mesh_path):
+def test_planar_rows_are_refused_with_the_expected_columns(mesh_path):
     with pytest.raises(FormatError, match=r"planar grasps.*17"):
         run(mesh_path, np.zeros((3, 7)))
 
@@ -210,7 +208,7 @@ def test_other_settings_are_refused_and_the_same_skipped(mesh_path):
         run(mesh_path, rows_across(), compatible=True)
 
 
-def test_the_command(mesh_path):
+def test_the_command_scores_grasps(mesh_path):
     rows, out = mesh_path.with_name("rows.npy"), mesh_path.with_name("v.npz")
     write_npy(rows, rows_across())
     result = CliRunner().invoke(

@@ -1,4 +1,4 @@
-"""`serve`: posted frames are answered with their grasps, and nothing that is posted ends it."""
+"""`serve`: posted frames are answered with their grasps, and no request ends the server."""
 
 import base64
 import http.client
@@ -67,7 +67,7 @@ def test_a_frame_is_answered_with_its_grasps_best_first():
 
 
 @pytest.mark.parametrize("as_posted", [png, raw])
-def test_pictures_and_raw_arrays_reach_the_detector_as_they_are(as_posted):
+def test_pictures_and_raw_arrays_reach_the_detector_unchanged(as_posted):
     seen = {}
 
     def detect(color, depth, **options):
@@ -89,7 +89,7 @@ def bomb() -> str:
 
 
 @pytest.mark.parametrize(
-    ("frame", "said"),
+    ("frame", "sentence"),
     [
         ([1], "body is a list"),
         ({}, "without color"),
@@ -105,14 +105,14 @@ def bomb() -> str:
         (post(name=3), "no short text"),
     ],
 )
-def test_what_is_no_frame_is_one_sentence(frame, said):
+def test_requests_without_a_valid_frame_are_reported_in_one_sentence(frame, sentence):
     answer = client_of(max_pixels=1_000_000).post("/grasps", json=frame)
     assert answer.status_code == 400
-    assert said in answer.json()["error"]
+    assert sentence in answer.json()["error"]
     assert "\n" not in answer.json()["error"]
 
 
-def test_a_name_with_half_a_character_is_one_sentence():
+def test_a_name_with_half_a_character_is_reported_in_one_sentence():
     body, headers = json.dumps(post(name="\ud800")), {"content-type": "application/json"}
     answer = client_of().post("/grasps", content=body, headers=headers)
     assert answer.status_code == 400
@@ -120,7 +120,7 @@ def test_a_name_with_half_a_character_is_one_sentence():
 
 
 @pytest.mark.parametrize("units", [[1000], "1000", {"x": 1000}, float("nan")])
-def test_units_that_are_no_number_are_one_sentence(units):
+def test_units_that_are_not_a_number_are_reported_in_one_sentence(units):
     client = client_of(lambda color, depth, **options: frame_of(color, depth, [9] * 4, units))
     answer = client.post("/grasps", json=post())
     assert answer.status_code == 400
@@ -138,7 +138,7 @@ def test_sizes_types_and_depths_of_bodies_have_limits():
     assert client.post("/grasps", content=b"{}", headers=plain).status_code == 415
 
 
-def test_errors_of_a_frame_are_sentences_and_faults_are_kept_inside():
+def test_errors_of_a_frame_are_reported_in_one_sentence_and_internal_faults_are_hidden():
     def refuse(*_args, **_options):
         raise SymgraspError("depth is in millimetres")
 
@@ -152,7 +152,7 @@ def test_errors_of_a_frame_are_sentences_and_faults_are_kept_inside():
     assert "secret" not in answer.text
 
 
-def test_eight_clients_at_once_are_answered_and_more_than_may_wait_are_refused():
+def test_eight_clients_at_once_are_answered_and_clients_beyond_the_queue_are_refused():
     begun, go = threading.Semaphore(0), threading.Event()
 
     def detect(*_args, **_options):
@@ -201,9 +201,9 @@ def test_the_command_answers_the_example_and_ends_with_sigterm(tmp_path):
         finally:
             server.send_signal(signal.SIGTERM)
         assert server.wait(timeout=30) == 143
-        said = server.stderr.read().decode().splitlines()
-        assert said[-1] == "error: stopped by SIGTERM; the frames that it had begun are answered"
-        assert not any("Traceback" in line for line in said)
+        lines = server.stderr.read().decode().splitlines()
+        assert lines[-1] == "error: stopped by SIGTERM; the frames that it had begun are answered"
+        assert not any("Traceback" in line for line in lines)
 
 
 SLOW = """
@@ -240,9 +240,9 @@ def test_a_frame_that_outlasts_the_grace_or_a_second_signal_ends_in_one_sentence
             server.send_signal(signal.SIGTERM)
             time.sleep(0.5)
         assert server.wait(timeout=20) == 143
-        said = server.stderr.read()
+        printed = server.stderr.read()
         assert isinstance(lost.exception(), OSError | http.client.HTTPException)
-    assert said == (
+    assert printed == (
         f"error: stopped by SIGTERM; frames in progress that take over {grace} s are lost\n"
     )
 

@@ -59,7 +59,7 @@ def truth_file(root: GraspNetRoot, tmp_path_factory: pytest.TempPathFactory) -> 
 
 @pytest.fixture(scope="module")
 def small_file(root: GraspNetRoot, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One frame a scene, one grasp a frame."""
+    """One frame of each scene with one grasp."""
     path = tmp_path_factory.mktemp("small") / "grasps.h5"
     write_grasps(path, [true_result(root, name, (1,)) for name in frame_names()[::2]])
     return path
@@ -138,7 +138,7 @@ def test_the_tables_show_rates_with_intervals_and_reasons(truth_success):
 
 @pytest.fixture(scope="module")
 def with_baselines(root, small_file, tmp_path_factory) -> Path:
-    """Other methods tried beside ours; the dataset is only read."""
+    """Rates of other methods in addition to ours; the dataset is only read."""
     before = content_of(root.root)
     output = tmp_path_factory.mktemp("baselines") / "success.json"
     assert run(small_file, root, output, baselines=True).exit_code == 0
@@ -155,7 +155,9 @@ def test_two_workers_write_the_same_bytes_and_the_dataset_is_only_read(
     assert content_of(root.root) == before
 
 
-def test_other_methods_are_tried_beside_ours_which_stay_as_they_are(truth_small, with_baselines):
+def test_other_methods_are_tried_in_addition_and_our_rates_do_not_change(
+    truth_small, with_baselines
+):
     alone, beside = read_json(truth_small), read_json(with_baselines)
     assert alone["baselines"] == {}
     assert (beside["success"], beside["reasons"]) == (alone["success"], alone["reasons"])
@@ -164,12 +166,12 @@ def test_other_methods_are_tried_beside_ours_which_stay_as_they_are(truth_small,
         row: found["success"]["all"]["rotation"]["0.5"]["held"]
         for row, found in beside["baselines"].items()
     }
-    assert held["oracle"] == 2  # true symmetries of a can give what holds it
+    assert held["oracle"] == 2  # true symmetries of a can give grasps that hold it
     assert all(found["success"]["all"]["all"]["0.5"]["trials"] == 6
                for found in beside["baselines"].values())  # fmt: skip
 
 
-def test_what_is_tried_is_what_evaluate_judges(root, small_file, with_baselines, tmp_path):
+def test_trials_and_evaluate_use_the_same_grasps(root, small_file, with_baselines, tmp_path):
     config = EvaluateConfig(min_visible_pixels=100)
     options = BatchOptions(progress=False)
     evaluate.run(small_file, root.root, tmp_path / "report.json", config, options, baselines=True)
@@ -181,13 +183,15 @@ def test_what_is_tried_is_what_evaluate_judges(root, small_file, with_baselines,
         assert found["reasons"]["all"]["0.5"]["no grasp"] == without
 
 
-def test_rates_without_other_methods_are_not_replaced_unasked(root, small_file, tmp_path):
+def test_rates_without_other_methods_are_replaced_only_on_request(root, small_file, tmp_path):
     run(small_file, root, tmp_path / "success.json")
     with pytest.raises(StaleOutputError, match="--overwrite"):
         run(small_file, root, tmp_path / "success.json", baselines=True)
 
 
-def test_an_oracle_without_affordance_says_what_makes_it(small_file, tmp_path):
+def test_an_oracle_without_affordance_is_refused_with_the_command_that_makes_it(
+    small_file, tmp_path
+):
     own = write_root(tmp_path / "root")
     for object_id in KINDS:
         own.affordance_path(object_id).unlink()
@@ -231,7 +235,7 @@ def test_a_killed_run_goes_on_where_it_was_and_gives_the_same_bytes(
     assert content_of(tmp_path) == content_of(truth_small.parent)
 
 
-def test_a_second_run_tries_nothing_again_and_an_interrupted_one_only_the_rest(
+def test_a_second_run_tries_nothing_again_and_a_resumed_run_only_the_rest(
     root, small_file, truth_small, tmp_path
 ):
     output = shutil.copytree(truth_small.parent, tmp_path, dirs_exist_ok=True) / truth_small.name
@@ -244,7 +248,9 @@ def test_a_second_run_tries_nothing_again_and_an_interrupted_one_only_the_rest(
     assert content_of(tmp_path) == whole
 
 
-def test_rates_of_other_grasps_are_not_replaced_unasked(root, small_file, truth_small, tmp_path):
+def test_rates_of_other_grasps_are_replaced_only_on_request(
+    root, small_file, truth_small, tmp_path
+):
     output = shutil.copytree(truth_small.parent, tmp_path, dirs_exist_ok=True) / truth_small.name
     write_grasps(tmp_path / "g.h5", [true_result(root, name, (0,)) for name in frame_names()])
     with pytest.raises(StaleOutputError, match="--overwrite"):
@@ -280,7 +286,7 @@ def test_a_dry_run_writes_nothing(root, small_file, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_objects_of_failed_and_empty_frames_are_trials_without_grasp(root, tmp_path):
+def test_objects_of_failed_and_empty_frames_count_as_trials_without_grasp(root, tmp_path):
     first, second, *_ = frame_names()
     results = [FrameResult(first, "failed", "cut off"), FrameResult(second, "empty")]
     write_grasps(tmp_path / "g.h5", results)
@@ -300,7 +306,7 @@ def test_a_grasp_moved_off_its_object_fails(root, tmp_path):
     assert "held" not in read_json(tmp_path / "success.json")["reasons"]["all"]["0.5"]
 
 
-def test_convex_pieces_of_the_dataset_are_taken(small_file, tmp_path):
+def test_convex_pieces_of_the_dataset_are_used(small_file, tmp_path):
     own = write_root(tmp_path / "root")
     for object_id in KINDS:
         model = own.model_path(object_id)
@@ -359,7 +365,7 @@ def test_models_without_pieces_are_cut_by_coacd_once(tmp_path, monkeypatch):
     assert content_of(output.parent) == whole
 
 
-def test_a_model_that_coacd_dies_of_is_tried_as_its_hull_and_named(tmp_path, monkeypatch):
+def test_a_model_that_crashes_coacd_is_simulated_as_its_hull_and_named(tmp_path, monkeypatch):
     monkeypatch.setattr(convex_decomposition.sys, "executable", "/bin/false")
     grasps, output = tmp_path / "g.h5", tmp_path / "out" / "success.json"
     root = write_tray_root(tmp_path / "root", grasps)
@@ -370,7 +376,7 @@ def test_a_model_that_coacd_dies_of_is_tried_as_its_hull_and_named(tmp_path, mon
     assert read_json(output)["reasons"]["all"]["0.8"]["collision"] == 2
 
 
-def test_a_run_killed_while_it_cuts_models_leaves_no_half_pieces(
+def test_a_run_killed_while_it_cuts_models_leaves_no_incomplete_pieces(
     root, small_file, truth_small, tmp_path
 ):
     output = tmp_path / "success.json"
@@ -397,7 +403,7 @@ def test_a_scene_with_a_damaged_label_fails_alone(tmp_path):
     assert read_json(tmp_path / "success.json")["success"]["all"]["all"]["0.5"]["held"] == 6
 
 
-def test_objects_that_hardly_stand_where_their_poses_say_are_remarked_on(tmp_path):
+def test_objects_that_move_far_until_they_rest_give_a_note(tmp_path):
     root = write_root(tmp_path / "root")
     poses = [pose @ make_pose(np.eye(3), [0.0, 0.0, 0.03]) for pose in poses_in_camera(0).values()]
     files = root.frame(frame_names()[0])
@@ -409,7 +415,7 @@ def test_objects_that_hardly_stand_where_their_poses_say_are_remarked_on(tmp_pat
     assert "30 mm until they rested" in report.notes["scene_0100_realsense"]
 
 
-def test_a_frame_without_objects_has_no_trials_and_stops_no_other(tmp_path):
+def test_a_frame_without_objects_has_no_trials_and_other_frames_go_on(tmp_path):
     root = write_root(tmp_path / "root")
     bare, *others = frame_names()[1:]
     files = root.frame(bare)

@@ -1,4 +1,4 @@
-"""Stage synthesize: a small root, whole, resumable, as GraspNet lays it out."""
+"""Stage synthesize: a small, complete, resumable root in GraspNet's layout."""
 
 import shutil
 from dataclasses import replace
@@ -104,7 +104,7 @@ def test_labels_and_collisions_have_graspnets_shapes(root):
         assert set(read_rect(frame.path("rect"))[:, 6]) <= {0.0, 1.0, 2.0}
 
 
-def test_the_object_list_names_families_and_pools(root):
+def test_the_list_of_objects_names_families_and_pools(root):
     records = object_list.read(root / "objects.json")
     assert [r.pool for r in records] == ["seen"] * 3 + ["novel"] * 3
     assert all(r.family for r in records)
@@ -121,7 +121,7 @@ def test_a_second_run_redoes_nothing_and_a_lost_scene_comes_back_the_same(root):
     assert (color.read_bytes(), depth.read_bytes()) == before
 
 
-def test_surroundings_are_written_beside_the_scene_and_read_as_obstacles(tmp_path):
+def test_surroundings_are_written_with_the_scene_and_read_as_obstacles(tmp_path):
     scenery = SceneryConfig(surroundings=("bin",), robot_hands=0.5)
     config = replace(CONFIG, splits=("train",), scenery=scenery)
     assert synthesize.run(tmp_path, config, QUIET, seed=4).failed == {}
@@ -146,7 +146,7 @@ def test_other_settings_are_refused(root):
     assert report.exit_code == 1
 
 
-def test_the_users_own_meshes_are_taken(tmp_path):
+def test_the_users_meshes_are_used(tmp_path):
     for name, size in (("a", (0.05, 0.06, 0.1)), ("b", (0.04, 0.04, 0.12))):
         trimesh.creation.box(size).export(tmp_path / f"{name}.stl")
     config = replace(CONFIG, splits=("train",), labels=LabelConfig(num_points=0))
@@ -155,7 +155,7 @@ def test_the_users_own_meshes_are_taken(tmp_path):
     assert GraspNetRoot(tmp_path / "root").object_ids() == [0, 1]
 
 
-def test_the_models_of_a_dataset_are_taken_and_nothing_is_made_of_none(tmp_path):
+def test_the_models_of_a_dataset_are_used_and_a_dataset_without_models_is_refused(tmp_path):
     own = GraspNetRoot(tmp_path / "own")
     for object_id in (2, 5):
         box = trimesh.creation.box((0.05, 0.06, 0.1))

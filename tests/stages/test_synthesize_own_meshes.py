@@ -53,10 +53,10 @@ def content(root: Path) -> dict[str, bytes]:
     return {str(p.relative_to(root)): p.read_bytes() for p in root.rglob("*") if p.is_file()}
 
 
-def test_scenes_of_another_size_of_the_objects_are_not_reused(meshes, tmp_path, monkeypatch):
+def test_scenes_with_another_scale_of_the_objects_are_not_reused(meshes, tmp_path, monkeypatch):
     root = tmp_path / "root"
     make(root, models=meshes, config=replace(CONFIG, scenes_per_split=2))
-    assert make(root, models=meshes, mesh_scale=1.0).done == []  # as it is, said or not
+    assert make(root, models=meshes, mesh_scale=1.0).done == []  # the default scale, stated or not
 
     def killed(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
@@ -72,7 +72,7 @@ def test_scenes_of_another_size_of_the_objects_are_not_reused(meshes, tmp_path, 
     assert make(root, models=meshes, mesh_scale=0.5).done == []
 
 
-def test_a_run_killed_before_it_replaces_a_label_leaves_none_that_seems_finished(
+def test_a_run_killed_before_it_replaces_a_label_leaves_no_label_marked_as_finished(
     tmp_path, monkeypatch
 ):
     root = tmp_path / "root"
@@ -91,7 +91,7 @@ def test_a_run_killed_before_it_replaces_a_label_leaves_none_that_seems_finished
 
 
 @pytest.mark.parametrize("inside", [".", "models", "models/000/nontextured.ply"])
-def test_a_root_is_not_made_of_itself(meshes, tmp_path, inside):
+def test_a_root_is_not_made_of_its_own_models(meshes, tmp_path, inside):
     root = tmp_path / "root"
     make(root, models=meshes, config=LABELLED)
     before = content(root)
@@ -116,7 +116,7 @@ def test_the_list_of_objects_grows_with_the_splits(tmp_path):
     assert content(one_by_one) == content(both)
 
 
-def test_objects_without_a_model_are_listed_no_more(meshes, tmp_path):
+def test_objects_without_a_model_are_removed_from_the_list(meshes, tmp_path):
     root = tmp_path / "root"
     make(root, models=meshes)
     listed = json.loads((root / "objects.json").read_text())
@@ -140,18 +140,18 @@ def test_meshes_too_small_or_flat_for_physics_are_named(meshes, tmp_path):
     assert not (tmp_path / "small").exists() or not list((tmp_path / "small").rglob("*.ply"))
 
 
-def test_pieces_that_are_no_body_are_named_with_their_mesh(meshes, tmp_path, monkeypatch):
+def test_pieces_without_volume_are_named_with_their_mesh(meshes, tmp_path, monkeypatch):
     sheet = trimesh.Trimesh(
         [[0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]], [[0, 1, 2], [0, 2, 3]]
     )
     sheet.export(meshes / "sheet.ply")
     module = "pipelines.geometry.meshes.convex_decomposition.decomposed"
-    monkeypatch.setattr(module, lambda *_: [])  # as coacd answers to some
+    monkeypatch.setattr(module, lambda *_: [])  # the answer of coacd for some meshes
     report = make(tmp_path / "root", models=meshes / "sheet.ply")
     assert "sheet.ply: convex pieces of a model make no solid body" in report.failed["object 000"]
 
 
-def test_a_dry_run_tells_of_all_that_would_be_made_and_writes_nothing(meshes, tmp_path):
+def test_a_dry_run_lists_all_outputs_and_writes_nothing(meshes, tmp_path):
     root = tmp_path / "root"
     names = ["object 000", "object 001", "label 000", "label 001"]
     names += ["distance grid 000", "distance grid 001", "scene 0000"]
@@ -169,7 +169,7 @@ def test_a_dry_run_tells_of_all_that_would_be_made_and_writes_nothing(meshes, tm
     assert content(root) == before
 
 
-def test_scenes_of_meshes_with_their_origin_elsewhere_show_them(tmp_path):
+def test_meshes_with_a_distant_origin_are_visible_in_their_scenes(tmp_path):
     folder = tmp_path / "meshes"
     folder.mkdir()
     for number, offset in enumerate([(0.5, 0, 0), (0, 0.4, 0.1), (0.3, 0.3, 0)]):

@@ -1,4 +1,4 @@
-"""The train stage: weights that load, what is skipped, what is refused."""
+"""The train stage: weights that load, skipped and refused trainings."""
 
 import shutil
 from dataclasses import replace
@@ -101,7 +101,7 @@ def test_scenes_without_a_region_are_neither_trained_on_nor_held_out(tmp_path):
         train.region_sets(None, packed, CONFIG, 0)
 
 
-def test_what_is_validated_on_is_not_learned_from(packed, tmp_path):
+def test_scenes_for_validation_are_not_trained_on(packed, tmp_path):
     both = shutil.copytree(packed, tmp_path / "both")
     first, *_ = sorted(both.glob("*.h5"))
     (both / "val").mkdir()
@@ -115,13 +115,13 @@ def test_what_is_validated_on_is_not_learned_from(packed, tmp_path):
     assert len(train_set.indices) + len(val_set.indices) == len(PackedReader(packed))
 
 
-def test_a_dataset_root_is_no_packed_folder(tmp_path):
+def test_a_dataset_root_is_refused_as_packed_folder(tmp_path):
     (tmp_path / "scenes").mkdir()
     with pytest.raises(FormatError, match="is a dataset root; give what `symgrasp pack`"):
         train.region_sets(tmp_path, None, CONFIG, 0)
 
 
-def test_a_damaged_checkpoint_is_one_sentence(packed, tmp_path):
+def test_a_damaged_checkpoint_is_reported_in_one_sentence(packed, tmp_path):
     path = tmp_path / "network.safetensors"
     checkpoint, resumed = file_of_run(path, CHECKPOINT), replace(REQUEST, resume=True)
     with stopped_after(1):
@@ -133,7 +133,7 @@ def test_a_damaged_checkpoint_is_one_sentence(packed, tmp_path):
             train.run(packed, None, path, CONFIG, resumed)
 
 
-def test_a_checkpoint_of_another_network_is_one_sentence(packed, tmp_path):
+def test_a_checkpoint_of_another_network_is_reported_in_one_sentence(packed, tmp_path):
     path = tmp_path / "network.safetensors"
     with stopped_after(1):
         train.run(packed, None, path, CONFIG, REQUEST)
@@ -144,7 +144,7 @@ def test_a_checkpoint_of_another_network_is_one_sentence(packed, tmp_path):
         train.run(packed, None, path, CONFIG, replace(REQUEST, resume=True))
 
 
-def test_a_network_that_runs_away_keeps_its_batch(packed, tmp_path):
+def test_a_network_that_diverges_saves_its_batch(packed, tmp_path):
     path = tmp_path / "network.safetensors"
     wild = replace(CONFIG, learning_rate=1e30)
     with pytest.raises(SymgraspError, match=r"it must be finite; .* holds the batch"):
@@ -152,16 +152,16 @@ def test_a_network_that_runs_away_keeps_its_batch(packed, tmp_path):
     assert not np.isfinite(train.replay(file_of_run(path, FAULT))["total"])
 
 
-def test_a_folder_of_its_own_can_be_validated_on(packed, tmp_path):
+def test_a_separate_folder_can_be_used_for_validation(packed, tmp_path):
     other = write_packed(tmp_path / "val", 4)
-    for scene in sorted(other.glob("*.h5"))[:3]:  # these are the ones learned from
+    for scene in sorted(other.glob("*.h5"))[:3]:  # these scenes are trained on
         scene.unlink()
     path = tmp_path / "network.safetensors"
     report = train.run(packed, other, path, replace(CONFIG, epochs=1), REQUEST)
     assert "plane_angle_deg" in report.notes["network.safetensors"]
 
 
-def test_endless_regions_beside_packed_ones_resume_to_the_byte(packed, tmp_path):
+def test_a_training_on_rendered_and_packed_regions_resumes_to_the_same_bytes(packed, tmp_path):
     root = write_root(tmp_path / "root").root
     records = [ObjectRecord(i, f"object{i}", "toy", "seen") for i in range(3)]
     object_list.write(root / "objects.json", records, STAMP)
@@ -176,7 +176,7 @@ def test_endless_regions_beside_packed_ones_resume_to_the_byte(packed, tmp_path)
     assert outputs[0].read_bytes() == outputs[1].read_bytes()
 
 
-def test_training_on_nothing_but_fresh_regions_needs_something_to_judge_by(tmp_path):
+def test_training_only_on_rendered_regions_needs_a_validation_folder(tmp_path):
     with pytest.raises(SymgraspError, match="--val is not given"):
         train.run(None, None, tmp_path / "x.safetensors", CONFIG, REQUEST)
 
@@ -188,7 +188,7 @@ def weights_of(path, network):
     return path
 
 
-def test_a_network_starts_from_the_weights_that_are_given(tmp_path):
+def test_a_network_starts_from_given_weights(tmp_path):
     path = weights_of(tmp_path / "w.safetensors", CONFIG.network)
     start = train.build(CONFIG, 0, None).state_dict()
     found, expected = train.build(CONFIG, 0, path).state_dict(), load_weights(path)[0]
@@ -208,17 +208,17 @@ def test_a_network_that_sees_the_camera_begins_as_one_that_does_not(tmp_path):
     torch.testing.assert_close(after.existence, before.existence)
 
 
-def test_a_network_that_sees_the_camera_starts_none_that_does_not(tmp_path):
+def test_weights_of_a_network_that_sees_the_camera_start_no_network_that_does_not(tmp_path):
     seen = replace(CONFIG.network, sees_camera=True)
     path = weights_of(tmp_path / "w.safetensors", seen)
     with pytest.raises(FormatError, match="sees_camera=True; sees_camera=False is requested"):
         train.build(CONFIG, 0, path)
 
 
-def test_weights_of_a_network_with_other_settings_are_no_start(tmp_path):
-    told = replace(CONFIG.network, canonical_frame=False)
-    path = weights_of(tmp_path / "w.safetensors", told)
+def test_weights_of_a_network_with_other_settings_are_refused(tmp_path):
+    other = replace(CONFIG.network, canonical_frame=False)
+    path = weights_of(tmp_path / "w.safetensors", other)
     expected = r"with canonical_frame=False; canonical_frame=True is requested"
     with pytest.raises(FormatError, match=expected):
         train.build(CONFIG, 0, path)
-    train.build(replace(CONFIG, network=told), 0, path)
+    train.build(replace(CONFIG, network=other), 0, path)

@@ -100,7 +100,7 @@ def test_a_root_whose_rectangles_are_all_hidden_is_refused(name, tmp_path):
         train(root, tmp_path / "w.safetensors", name=name)
 
 
-def test_rectangles_of_what_is_not_seen_are_no_labels(root):
+def test_rectangles_of_hidden_objects_are_no_labels(root):
     from pipelines.learning.peers.ggcnn_training import ggcnn_frame
 
     frame = ggcnn_frame(root, root.frame(frame_names()[0]), PeerNetworkConfig())
@@ -128,14 +128,14 @@ def test_processes_that_load_batches_change_nothing(root, trained, tmp_path):
     assert path.read_bytes() == trained("gg-cnn").read_bytes()
 
 
-def test_a_method_without_weights_says_which_command_writes_them(root, tmp_path):
+def test_a_method_without_weights_is_refused_with_the_command_that_writes_them(root, tmp_path):
     paths = infer.InferPaths(root.root, tmp_path / "grasps.h5")
     with pytest.raises(ValueRangeError, match=r"--weights .*symgrasp train-baseline gg-cnn"):
         infer.run(paths, InferConfig(method="gg-cnn"), QUIET)
 
 
 @pytest.mark.parametrize("name", TRAINED_METHODS)
-def test_infer_takes_the_weights(name, root, trained, tmp_path):
+def test_infer_uses_the_weights(name, root, trained, tmp_path):
     out = tmp_path / "grasps.h5"
     paths = infer.InferPaths(root.root / "scenes" / "scene_0100", out, peer=trained(name))
     config = InferConfig(method=name, regions="geometric")
@@ -148,7 +148,7 @@ def test_infer_takes_the_weights(name, root, trained, tmp_path):
 
 
 @pytest.mark.parametrize("name", TRAINED_PEERS)
-def test_a_kept_batch_has_the_same_loss_again(name, root, trained, tmp_path):
+def test_a_saved_batch_gives_the_same_loss_again(name, root, trained, tmp_path):
     tensors, metadata = load_weights(trained(name))
     items = train_baseline.peer_items(name, root.root, trained(name), CONFIG)
     peer, config = trained_peer(name), CONFIG.with_schedule(trained_peer(name).peer.schedule)

@@ -1,4 +1,4 @@
-"""The train-critic stage on a box, a can and a ball: rows once, files that `infer` opens."""
+"""The train-critic stage on a box, a can and a ball: rows collected once, files for `infer`."""
 
 from dataclasses import asdict, replace
 
@@ -73,7 +73,7 @@ def rows_of(output, root="learned"):
 
 
 def with_rows_of(output, folder):
-    """An output in `folder` that has the rows of another one."""
+    """An output in `folder` with the rows of another output."""
     rows = folder / f"{output.stem}.rows"
     rows.symlink_to(output.with_name(rows.name))
     return folder / output.name
@@ -95,7 +95,8 @@ def test_the_files_are_critics_that_name_their_features(outputs):
 def test_the_can_has_a_true_axis_the_ball_a_true_sphere_and_the_box_true_planes(outputs):
     rows = rows_of(outputs["axes"])
     axes, spheres = (rows[rows.slot == slot] for slot in (ROTATION_SLOT, SPHERE_SLOT))
-    assert len(set(axes.group)) == 4  # a box and a can in each of two frames; of balls any is true
+    # A box and a can in each of two frames; for a ball any axis is true.
+    assert len(set(axes.group)) == 4
     best = best_of_groups(axes.truth.astype(float), axes.group)
     assert sorted(axes.truth[best]) == [0.0, 0.0, 1.0, 1.0]
     assert sorted(spheres.truth) == [0.0] * 4 + [1.0] * 2
@@ -138,7 +139,7 @@ def test_two_workers_and_one_give_the_same_critic(roots, outputs, tmp_path):
     assert path.read_bytes() == outputs["axes"].read_bytes()
 
 
-def test_a_stopped_training_goes_on_as_if_it_had_never_stopped(roots, outputs, tmp_path):
+def test_a_stopped_training_resumes_as_if_it_had_never_stopped(roots, outputs, tmp_path):
     path = with_rows_of(outputs["grasps"], tmp_path)
     with stopped_after(2):
         run("grasps", roots, path)
@@ -163,7 +164,7 @@ def test_a_training_starts_from_the_weights_of_an_earlier_one(roots, outputs, tm
         run("axes", roots, path, init=outputs["axes"])
 
 
-def test_the_critics_before_are_inputs_of_those_after(roots, outputs, tmp_path):
+def test_earlier_critics_are_inputs_of_later_ones(roots, outputs, tmp_path):
     stamp = read_stamp(next((outputs["grasps"].with_name("grasps.rows") / "held").glob("*.h5")))
     assert {"detector", "network", "axis_critic", "plane_critic"} <= stamp["inputs"].keys()
     paths = replace(ModelPaths(), axis_critic=tmp_path / "none.safetensors")
@@ -204,7 +205,7 @@ def test_a_faulty_scene_fails_alone_and_no_critic_is_written(roots, tmp_path):
     assert not path.exists()
 
 
-def test_a_kept_batch_gives_its_loss_again(outputs, tmp_path):
+def test_a_saved_batch_gives_the_same_loss_again(outputs, tmp_path):
     rows = rows_of(outputs["grasps"])
     trainee = CriticTraining(CRITIC_KINDS["grasps"], rows, rows, CONFIG)
     batch = trainee.load([np.arange(20)], [np.random.default_rng(0)])
@@ -219,7 +220,7 @@ def test_a_kept_batch_gives_its_loss_again(outputs, tmp_path):
         assert found[name] == pytest.approx(float(value.detach()), rel=1e-5)
 
 
-def test_the_command_writes_what_infer_takes(roots, outputs, tmp_path):
+def test_the_command_writes_files_that_infer_opens(roots, outputs, tmp_path):
     path = tmp_path / "axes.safetensors"
     options = ["--frame-stride", "2", "--set", "infer.regions=geometric", "--set", "max_grasps=16"]
     options += ["--epochs", "3", "--decay-epochs", "1", "--batch-size", "64", "--workers", "1"]

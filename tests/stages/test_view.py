@@ -1,4 +1,4 @@
-"""`view`: a page a frame, an index of all; resumable, faults one by one."""
+"""`view`: a page for each frame and an index; resumable, with separate faults."""
 
 import sys
 from dataclasses import replace
@@ -104,9 +104,14 @@ def test_frames_that_cannot_be_shown_are_named_and_the_rest_is_done(grasps, tmp_
     report = run(grasps, out)
     assert report.done == ["one/a"]
     assert report.exit_code == 1
-    said = {"one/b": "torn", "two/c": "cut off", "two/gone": "--frames", "../../out_of_it": "name"}
-    assert set(report.failed) == set(said)
-    assert all(words in report.failed[name] for name, words in said.items())
+    reasons = {
+        "one/b": "torn",
+        "two/c": "cut off",
+        "two/gone": "--frames",
+        "../../out_of_it": "name",
+    }
+    assert set(report.failed) == set(reasons)
+    assert all(words in report.failed[name] for name, words in reasons.items())
     assert sorted(path.name for path in out.rglob("*.html")) == ["a.html", "index.html"]
     reader = Reader((out / "index.html").read_text(encoding="utf-8"))
     assert all(sentence in reader.text for sentence in report.failed.values())
@@ -126,13 +131,13 @@ def test_grasps_of_images_of_another_size_are_refused(grasps, tmp_path):
     assert "is 160x120, but its grasps are of 320x240" in report.failed["one/a"]
 
 
-def test_a_second_run_skips_and_only_changed_frames_are_made_anew(grasps, tmp_path):
+def test_a_second_run_skips_pages_and_makes_only_changed_frames_again(grasps, tmp_path):
     out = tmp_path / "out"
     run(grasps, out)
     before = {path: path.stat().st_mtime_ns for path in (out / "frames").rglob("*")}
     assert run(grasps, out).skipped == list(NAMES)
     assert before == {path: path.stat().st_mtime_ns for path in (out / "frames").rglob("*")}
-    (out / "frames/two/c.html").unlink()  # as a killed run leaves it
+    (out / "frames/two/c.html").unlink()  # as after a killed run
     assert run(grasps, out).done == ["two/c"]
     more = [result(NAMES[0]), result(NAMES[1], 0), result(NAMES[2], seed=2)]
     write_results(grasps, more, tmp_path / "frames")
@@ -176,7 +181,7 @@ def test_two_workers_write_the_same_bytes_and_a_dry_run_writes_none(grasps, tmp_
     assert len(digests) == 1
 
 
-def test_frames_are_found_where_infer_read_them_or_where_one_says(grasps, tmp_path):
+def test_frames_are_found_where_infer_read_them_or_in_a_given_folder(grasps, tmp_path):
     (tmp_path / "frames").rename(tmp_path / "moved")
     with pytest.raises(FormatError, match="--frames"):
         run(grasps, tmp_path / "out")
@@ -186,7 +191,7 @@ def test_frames_are_found_where_infer_read_them_or_where_one_says(grasps, tmp_pa
         run(unsaid, tmp_path / "new")
 
 
-def test_a_recording_for_rerun_is_made_beside_pages_that_are_there(grasps, tmp_path, monkeypatch):
+def test_a_recording_for_rerun_is_added_to_finished_pages(grasps, tmp_path, monkeypatch):
     out = tmp_path / "out"
     run(grasps, out)
     paths = view.ViewPaths(grasps, out)
@@ -208,7 +213,7 @@ def test_a_recording_for_rerun_is_made_beside_pages_that_are_there(grasps, tmp_p
     assert view.run(paths, CONFIG, OPTIONS, rerun=True).skipped == list(NAMES[:2])
 
 
-def test_the_command(grasps, tmp_path):
+def test_the_command_writes_pages(grasps, tmp_path):
     arguments = ["view", str(grasps), "--out", str(tmp_path / "out")]
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 0

@@ -55,18 +55,20 @@ def test_a_box_that_is_given_is_drawn_instead_and_frames_may_be_printed(tmp_path
     given = ["--workspace", "-0.1,0.2,0,0.1,0.4,0.3", "--max-frames", "1", "--json"]
     out = CliRunner().invoke(app, ["workspace", str(FRAMES), "--out", str(tmp_path / "w"), *given])
     assert out.exit_code == 0, out.output
-    said = json.loads(out.stdout.splitlines()[0])
-    assert said["options"] == "--workspace=-0.10,0.20,0.00,0.10,0.40,0.30 --workspace-frame table"
-    assert said["boxes"]["table_1"]["corners"] == [[-0.1, 0.2, 0.0], [0.1, 0.4, 0.3]]
+    printed = json.loads(out.stdout.splitlines()[0])
+    assert (
+        printed["options"] == "--workspace=-0.10,0.20,0.00,0.10,0.40,0.30 --workspace-frame table"
+    )
+    assert printed["boxes"]["table_1"]["corners"] == [[-0.1, 0.2, 0.0], [0.1, 0.4, 0.3]]
 
 
-def test_a_folder_of_others_is_not_replaced(tmp_path):
+def test_a_folder_with_other_content_is_not_replaced(tmp_path):
     (tmp_path / "mine.txt").write_text("x")
     with pytest.raises(SymgraspError, match="choose another --out"):
         workspace.run(FRAMES, tmp_path, ONE)
 
 
-def test_regions_outside_of_a_workspace_are_said_to_lie_where_they_do():
+def test_regions_outside_of_a_workspace_are_reported_with_their_place():
     message = planned(box=(5.0, 5.0, 5.0, 6.0, 6.0, 6.0)).message
     assert "is in the workspace; their middles are at x " in message
     assert "m in the camera's frame" in message

@@ -35,7 +35,7 @@ def write_labels(root, hindered=()):
 
 
 def write_rects(root) -> None:
-    """Write a rectangle of the best grasp of each object, and one of an object that is not seen."""
+    """Write a rectangle of the best grasp of each object, and one of a hidden object."""
     for name in frame_names():
         files, rows = root.frame(name), []
         for object_id in WIDTHS:

@@ -85,7 +85,7 @@ def write_root(folder: Path) -> GraspNetRoot:
 
 def _write_affordance(path: Path, mesh: Mesh) -> None:
     points, normals, _ = sample_surface(mesh, 2000, np.random.default_rng(0))
-    sides = np.abs(normals[:, 2]) < 0.5  # what a hand from above can hold
+    sides = np.abs(normals[:, 2]) < 0.5  # points that a hand from above can hold
     none = np.zeros((0, 3))
     labels = AffordanceLabels(
         none[:, None, :].repeat(2, 1), none, none[:, 0], points, normals, sides
@@ -135,7 +135,7 @@ def best_grasp(object_id: int, frame_id: int) -> GraspPoses:
 
 
 def true_result(root: GraspNetRoot, name: str, objects: tuple[int, ...] = (0, 1, 2)) -> FrameResult:
-    """The ground truth of `objects` as if `infer` had found it."""
+    """The ground truth of `objects` in the form of a result of `infer`."""
     files = root.frame(name)
     label, poses = root.read_label(files), poses_in_camera(files.frame_id)
     slots = [

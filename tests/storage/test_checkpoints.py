@@ -44,7 +44,7 @@ def test_the_same_weights_give_the_same_bytes(tmp_path: Path) -> None:
     assert len({(tmp_path / name).read_bytes() for name in ("a", "b", "c")}) == 1
 
 
-def test_shared_tensors_are_stored_apart(tmp_path: Path) -> None:
+def test_shared_tensors_are_stored_separately(tmp_path: Path) -> None:
     tensor = torch.ones(4)
     checkpoints.save_weights(tmp_path / "w.safetensors", {"a": tensor, "b": tensor[:2]}, {})
     tensors, _ = checkpoints.load_weights(tmp_path / "w.safetensors")
@@ -76,7 +76,7 @@ def test_a_resumed_training_takes_the_same_steps(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kept", [0, 5, 40])
-def test_truncated_weights_are_one_sentence(tmp_path: Path, kept: int) -> None:
+def test_truncated_weights_are_reported_in_one_sentence(tmp_path: Path, kept: int) -> None:
     path = tmp_path / "w.safetensors"
     checkpoints.save_weights(path, {"x": torch.ones(30)}, {"a": "b"})
     path.write_bytes(path.read_bytes()[:kept])
@@ -84,7 +84,7 @@ def test_truncated_weights_are_one_sentence(tmp_path: Path, kept: int) -> None:
         checkpoints.load_weights(path)
 
 
-def test_weights_are_no_training_checkpoint(tmp_path: Path) -> None:
+def test_weights_are_refused_as_training_checkpoint(tmp_path: Path) -> None:
     checkpoints.save_weights(tmp_path / "w.safetensors", {"x": torch.ones(3)}, {})
     with pytest.raises(FormatError, match="weights only"):
         checkpoints.load_training(tmp_path / "w.safetensors")

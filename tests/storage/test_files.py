@@ -1,4 +1,4 @@
-"""Whole files or none."""
+"""Writing of whole files or none, and reading of files."""
 
 import contextlib
 import json
@@ -15,7 +15,7 @@ from pipelines.storage.files import atomic_folder, read_json, read_npy, within
 
 
 @pytest.mark.parametrize("name", ["n" * 251 + ".txt", "漢" * 83 + ".txt", os.fsdecode(b"\xe9.txt")])
-def test_any_name_that_a_file_may_have_can_be_written(name, tmp_path):
+def test_a_file_of_any_valid_name_can_be_written(name, tmp_path):
     files.write_text(tmp_path / name, "all")
     assert [path.name for path in tmp_path.iterdir()] == [name]
     with files.atomic_folder(tmp_path / f"{name[:-4]}.dir"):
@@ -23,7 +23,7 @@ def test_any_name_that_a_file_may_have_can_be_written(name, tmp_path):
     assert (tmp_path / f"{name[:-4]}.dir").is_dir()
 
 
-def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
+def test_a_failed_write_leaves_only_the_old_file(tmp_path):
     path = tmp_path / "a.txt"
     files.write_text(path, "old")
 
@@ -47,7 +47,7 @@ def test_json_round_trips_and_bad_json_is_named(tmp_path):
         files.read_json(path)
 
 
-def test_a_missing_file_is_a_sentence(tmp_path):
+def test_a_missing_file_is_reported_in_one_sentence(tmp_path):
     with pytest.raises(SymgraspError, match="does not exist"):
         files.read_npy(tmp_path / "none.npy")
 
@@ -121,7 +121,9 @@ def test_a_truncated_png_is_refused(tmp_path):
     ("suffix", "dtype"),
     [(".png", np.uint8), (".png", np.uint16), (".tiff", np.float32), (".tiff", np.float64)],
 )
-def test_images_are_read_as_stored_red_first_and_without_alpha(tmp_path, channels, suffix, dtype):
+def test_images_are_read_with_their_depth_of_bits_red_first_and_without_alpha(
+    tmp_path, channels, suffix, dtype
+):
     image = np.random.default_rng(0).integers(0, 255, (5, 7, channels)).astype(dtype)
     path = tmp_path / f"a{suffix}"
     assert cv2.imwrite(str(path), image)
@@ -133,7 +135,7 @@ def test_images_are_read_as_stored_red_first_and_without_alpha(tmp_path, channel
 
 
 @pytest.mark.parametrize("moment", range(3))
-def test_a_folder_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch, moment):
+def test_a_folder_is_replaced_completely_or_not_at_all(tmp_path, monkeypatch, moment):
     """A kill between any two moves leaves the earlier folder, the new one, or none at all."""
     target = tmp_path / "folder"
     for text in ("first", "earlier"):
@@ -157,7 +159,7 @@ def test_a_folder_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch, moment)
     assert target.is_dir() == bool(found)
 
 
-def test_a_link_in_an_output_folder_that_leads_out_of_it_is_refused(tmp_path):
+def test_a_link_that_leads_out_of_an_output_folder_is_refused(tmp_path):
     out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
     for folder in (out / "inside", elsewhere):
         folder.mkdir(parents=True)
@@ -170,7 +172,7 @@ def test_a_link_in_an_output_folder_that_leads_out_of_it_is_refused(tmp_path):
             within(out, out / name)
 
 
-def test_a_folder_that_is_a_link_is_replaced_where_it_leads(tmp_path):
+def test_a_folder_given_as_a_link_is_replaced_at_its_target(tmp_path):
     (tmp_path / "disk/out").mkdir(parents=True)
     (tmp_path / "out").symlink_to("disk/out")
     with atomic_folder(tmp_path / "out") as folder:
@@ -190,7 +192,7 @@ def test_an_array_that_announces_more_than_its_file_is_refused(tmp_path, kind):
         read_npy(tmp_path / "x.npy")
 
 
-def test_a_pipe_is_no_file_to_read(tmp_path):
+def test_a_pipe_is_refused_as_file(tmp_path):
     os.mkfifo(tmp_path / "x.json")
     with pytest.raises(SymgraspError, match="is no plain file"):
         read_json(tmp_path / "x.json")

@@ -1,4 +1,4 @@
-"""Columns of HDF5 files: the same file that h5py's own objects would make."""
+"""Columns of HDF5 files, against files written by h5py's objects."""
 
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ COLUMNS: dict[str, Any] = {
 }
 
 
-def test_columns_have_the_bytes_that_h5py_itself_writes(tmp_path: Path) -> None:
+def test_columns_have_the_bytes_that_h5py_writes(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "found.h5", "w") as file:
         write_attribute(file.id, "note", "ü")
         write_attribute(file.id, "seed", 3)
@@ -42,7 +42,7 @@ def test_columns_have_the_bytes_that_h5py_itself_writes(tmp_path: Path) -> None:
     assert found.read_bytes() == expected.read_bytes()
 
 
-def test_alike_columns_are_read_and_others_are_not(tmp_path: Path) -> None:
+def test_columns_of_the_same_layout_are_read_and_others_are_not(tmp_path: Path) -> None:
     columns = {"a": np.arange(6, dtype=np.float32).reshape(2, 3), "t": np.array(["é", "b"], object)}
     with h5py.File(tmp_path / "a.h5", "w") as file:
         write_columns(file, columns)

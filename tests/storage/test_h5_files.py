@@ -1,4 +1,4 @@
-"""HDF5 files end with a check sum: damage of any kind is a sentence before HDF5 looks at it."""
+"""HDF5 files end with a check sum, so that damage is reported before HDF5 reads the file."""
 
 import os
 
@@ -25,7 +25,7 @@ def sound(tmp_path_factory):
     return path
 
 
-def test_a_file_ends_with_its_check_sum_and_is_read_by_anyone(sound):
+def test_a_file_ends_with_its_check_sum_and_other_readers_open_it(sound):
     assert sound.read_bytes()[-SEAL.size :].startswith(MARK)
     with open_h5(sound) as ours, h5py.File(sound) as anyone:
         for file in (ours, anyone):
@@ -51,7 +51,7 @@ def test_no_changed_byte_reaches_hdf5(sound, tmp_path_factory, data):
 
 @settings(max_examples=50, deadline=None)
 @given(share=st.floats(0.0, 0.999))
-def test_a_cut_off_file_is_a_sentence(sound, tmp_path_factory, share):
+def test_a_cut_off_file_is_reported_in_one_sentence(sound, tmp_path_factory, share):
     whole = sound.read_bytes()
     cut = tmp_path_factory.mktemp("cut") / "x.h5"
     cut.write_bytes(whole[: int(share * (len(whole) - SEAL.size))])
@@ -59,7 +59,7 @@ def test_a_cut_off_file_is_a_sentence(sound, tmp_path_factory, share):
         open_h5(cut)
 
 
-def test_files_of_others_and_files_that_were_edited_are_opened(sound, tmp_path):
+def test_files_of_other_programs_and_edited_files_are_opened(sound, tmp_path):
     edited = tmp_path / "edited.h5"
     edited.write_bytes(sound.read_bytes())
     with h5py.File(edited, "r+") as file:
@@ -77,7 +77,7 @@ def test_files_of_others_and_files_that_were_edited_are_opened(sound, tmp_path):
         assert file["x"][()] == 1
 
 
-def test_a_file_damaged_after_it_was_read_is_found_again(sound, tmp_path):
+def test_damage_after_a_file_was_read_is_detected(sound, tmp_path):
     path = tmp_path / "x.h5"
     content = bytearray(sound.read_bytes())
     path.write_bytes(content)
@@ -90,7 +90,7 @@ def test_a_file_damaged_after_it_was_read_is_found_again(sound, tmp_path):
     open_h5(path, checked=False).close()
 
 
-def test_nothing_is_left_of_a_file_whose_writing_failed(tmp_path):
+def test_a_failed_write_leaves_no_file(tmp_path):
     def half(path):
         with new_h5(path) as file:
             file["x"] = 1
@@ -137,7 +137,7 @@ def _huge_chunk(file, _pipe):
     [_external, _raw, _virtual, _loop, _itself, _huge, _huge_chunk],
     ids=lambda h: h.__name__,
 )
-def test_what_leads_outside_a_file_or_beyond_memory_is_refused(tmp_path, harm, sealed):
+def test_links_out_of_a_file_and_datasets_beyond_memory_are_refused(tmp_path, harm, sealed):
     pipe, path = tmp_path / "pipe", tmp_path / "x.h5"
     os.mkfifo(pipe)  # to open it would never end
     if sealed:
@@ -150,7 +150,7 @@ def test_what_leads_outside_a_file_or_beyond_memory_is_refused(tmp_path, harm, s
         open_h5(path)
 
 
-def test_a_stamp_is_read_without_a_look_at_the_datasets_and_their_files(tmp_path):
+def test_a_stamp_is_read_without_reading_datasets_and_their_files(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     with new_h5(tmp_path / "x.h5") as file:
         file.attrs["provenance"] = '{"stage": "infer"}'

@@ -1,4 +1,4 @@
-"""Pixels by the header, and images that would take too many."""
+"""Numbers of pixels from headers, and images with too many pixels."""
 
 import struct
 import zlib
@@ -15,7 +15,7 @@ from pipelines.storage.images import pixels_of, read_image
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".tiff", ".bmp"])
-def test_the_header_says_as_many_pixels_as_are_decoded(suffix: str, kind: type) -> None:
+def test_the_header_states_the_number_of_decoded_pixels(suffix: str, kind: type) -> None:
     done, data = cv2.imencode(suffix, np.zeros((40, 51), kind))
     assert done
     assert pixels_of(data.tobytes()) == 40 * 51

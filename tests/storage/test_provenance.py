@@ -1,4 +1,4 @@
-"""A finished output is one that was made as this run would make it."""
+"""Stamps: an output is finished if it was made with the settings and inputs of this run."""
 
 import os
 
@@ -65,7 +65,7 @@ def test_every_kind_of_output_carries_its_stamp(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_an_output_made_otherwise_is_refused(tmp_path, name):
+def test_an_output_made_with_other_settings_is_refused(tmp_path, name):
     target = tmp_path / name
     WRITERS[name](target)
     other = make_stamp("refine-grasps", RefineGraspsConfig(copies_per_turn=8), seed=3)
@@ -74,20 +74,20 @@ def test_an_output_made_otherwise_is_refused(tmp_path, name):
 
 
 @pytest.mark.parametrize("content", ["", "<html>", '<meta name="provenance" content="[1">', "\xff"])
-def test_a_page_of_somebody_else_has_no_stamp(tmp_path, content):
+def test_a_page_of_another_program_has_no_stamp(tmp_path, content):
     (tmp_path / "a.html").write_bytes(content.encode("latin1"))
     assert read_stamp(tmp_path / "a.html") is None
 
 
 @pytest.mark.parametrize("stamp", ["me", 3, None, ["annotate-symmetry"]])
-def test_what_a_person_wrote_where_the_stamp_belongs_is_none(tmp_path, stamp):
+def test_other_content_at_the_place_of_the_stamp_is_not_read_as_stamp(tmp_path, stamp):
     write_json(tmp_path / "a.json", {"provenance": stamp})
     assert read_stamp(tmp_path / "a.json") is None
     with pytest.raises(StaleOutputError, match="--overwrite"):
         is_finished(tmp_path / "a.json", STAMP)
 
 
-def test_the_digest_follows_the_content(tmp_path):
+def test_the_digest_changes_with_the_content(tmp_path):
     path = tmp_path / "a"
     path.write_bytes(b"1")
     first = digest(path)
@@ -95,7 +95,7 @@ def test_the_digest_follows_the_content(tmp_path):
     assert digest(path) != first
 
 
-def test_the_digest_of_a_folder_follows_names_and_contents(tmp_path):
+def test_the_digest_of_a_folder_changes_with_names_and_contents(tmp_path):
     (tmp_path / "a.h5").write_bytes(b"1")
     first = digest_folder(tmp_path, "*.h5")
     (tmp_path / "a.h5").write_bytes(b"2")
@@ -104,7 +104,7 @@ def test_the_digest_of_a_folder_follows_names_and_contents(tmp_path):
     assert len({first, second, digest_folder(tmp_path, "*.h5")}) == 3
 
 
-def test_what_another_version_made_is_reused_and_named_once(tmp_path, caplog):
+def test_outputs_of_another_version_are_reused_and_reported_once(tmp_path, caplog):
     made = STAMP.as_json()
     write_json(tmp_path / "new.json", {"provenance": made})
     for name in ("a.json", "b.json"):
@@ -113,9 +113,9 @@ def test_what_another_version_made_is_reused_and_named_once(tmp_path, caplog):
     assert not caplog.messages
     assert is_finished(tmp_path / "a.json", STAMP)
     assert is_finished(tmp_path / "b.json", STAMP)
-    (said,) = caplog.messages
-    assert "made by symgrasp 0.0.7" in said
-    assert f"installed is {made['version']}" in said
+    (message,) = caplog.messages
+    assert "made by symgrasp 0.0.7" in message
+    assert f"installed is {made['version']}" in message
 
 
 def test_the_digest_of_a_pipe_does_not_wait_for_its_end(tmp_path):

@@ -1,4 +1,4 @@
-"""A run killed between an output and its stamp leaves nothing that is taken for another."""
+"""A run killed between an output and its stamp leaves no output with a wrong stamp."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ OLD, NEW = make_stamp("stage", {"points": 8}), make_stamp("stage", {"points": 64
 ARRAYS = {name: np.zeros(2) for name in VERDICT_ARRAYS}
 
 
-def test_an_earlier_output_is_gone_before_the_stamp_of_the_next_is_there(tmp_path: Path) -> None:
+def test_an_earlier_output_is_removed_before_the_next_stamp_is_written(tmp_path: Path) -> None:
     target = tmp_path / "new" / "a.npz"
     stamp_ahead(target, OLD)
     target.write_bytes(b"old")
@@ -46,13 +46,13 @@ def test_verdicts_of_a_killed_run_are_made_again(
     with pytest.raises(KeyboardInterrupt):
         write_verdicts(path, ARRAYS, OLD)
     monkeypatch.undo()
-    assert is_finished(path, OLD) == (function == "write_npz")  # neither refused nor half there
+    assert is_finished(path, OLD) == (function == "write_npz")  # neither refused nor incomplete
     write_verdicts(path, ARRAYS, OLD)
     assert is_finished(path, OLD)
     assert set(read_npz(path)) == set(VERDICT_ARRAYS)
 
 
-def test_another_suffix_than_the_one_that_says_where_the_stamp_lies_is_wrong_usage() -> None:
+def test_an_output_suffix_for_which_no_stamp_would_be_found_is_wrong_usage() -> None:
     refuse_other_suffix(Path("folder.txt/a.json"), ".json")
     for name in ("a", "a.txt", "a.JSON", "json"):
         with pytest.raises(ValueRangeError, match=r"--out is .*ends in \.json") as refused:

@@ -1,4 +1,4 @@
-"""Weights of others: a state_dict, or a checkpoint that holds one; nothing of it is run."""
+"""Weights of other projects: a state_dict or a checkpoint with one, of which no code is run."""
 
 import argparse
 from pathlib import Path
@@ -16,7 +16,7 @@ OPTIONS = argparse.Namespace(lr=0.01, epochs=26)
 
 
 class Code:
-    """What no file of weights may bring along."""
+    """An object of code, which no file of weights may contain."""
 
 
 @pytest.mark.parametrize(
@@ -28,9 +28,7 @@ class Code:
         {"state_dict": {f"module.{name}": each for name, each in TENSORS.items()}, "epoch": 1},
     ],
 )
-def test_the_tensors_of_a_model_are_taken_out_of_a_checkpoint(
-    tmp_path: Path, content: object
-) -> None:
+def test_the_tensors_of_a_model_are_read_from_a_checkpoint(tmp_path: Path, content: object) -> None:
     torch.save(content, tmp_path / "x.pth")
     found = read_torch_weights(tmp_path / "x.pth")
     assert found.keys() == TENSORS.keys()
@@ -38,13 +36,15 @@ def test_the_tensors_of_a_model_are_taken_out_of_a_checkpoint(
 
 
 @pytest.mark.parametrize("content", [{"epoch": 9}, [1, 2], {}, {"model": 3}, {"model": {"a": 1}}])
-def test_a_file_without_tensors_by_name_says_what_it_holds(tmp_path: Path, content: object) -> None:
+def test_a_file_without_tensors_by_name_is_refused_with_its_content(
+    tmp_path: Path, content: object
+) -> None:
     torch.save(content, tmp_path / "x.pth")
     with pytest.raises(FormatError, match="holds"):
         read_torch_weights(tmp_path / "x.pth")
 
 
-def test_code_is_refused_beside_tensors_too(tmp_path: Path) -> None:
+def test_code_is_refused_even_next_to_tensors(tmp_path: Path) -> None:
     torch.save({"model": TENSORS, "hook": Code()}, tmp_path / "x.pth")
     with pytest.raises(FormatError, match="UnpicklingError"):
         read_torch_weights(tmp_path / "x.pth")

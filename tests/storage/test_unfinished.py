@@ -1,4 +1,4 @@
-"""Folders that a command was making when it was stopped: every later one refuses them."""
+"""Unfinished folders of a stopped command, which every later command refuses."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ def test_an_unfinished_root_is_refused_until_its_command_ends(tmp_path: Path) ->
     for read in (GraspNetRoot.finished, find_frames, refuse_unfinished):
         with pytest.raises(SymgraspError, match=r"`symgrasp synthesize`.*run the same command"):
             read(tmp_path)
-    mark_finished(tmp_path, "label-grasps")  # another command's end is not this one's
+    mark_finished(tmp_path, "label-grasps")  # the end of another command
     with pytest.raises(SymgraspError, match="unfinished"):
         refuse_unfinished(tmp_path)
     mark_finished(tmp_path, "synthesize")
@@ -30,7 +30,7 @@ def test_an_unfinished_root_is_refused_until_its_command_ends(tmp_path: Path) ->
     assert len(find_frames(tmp_path)) == build.COUNT
 
 
-def test_synthesize_leaves_its_mark_where_it_is_stopped_or_fails(
+def test_a_stopped_or_failed_synthesize_leaves_the_mark_of_an_unfinished_root(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def stopped(*_arguments: object) -> StageReport:

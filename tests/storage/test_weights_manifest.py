@@ -16,7 +16,7 @@ from pipelines.storage.weights_manifest import (
 STAMP = make_stamp("golden-frame", {})
 
 
-def test_a_manifest_comes_back_as_it_was_written(tmp_path):
+def test_a_manifest_is_read_as_it_was_written(tmp_path):
     rotation = np.stack([np.eye(3), np.diag([1.0, -1, -1])])
     grasps = GoldenGrasps(rotation, np.arange(6.0).reshape(2, 3), np.array([0.02, 0.05]))
     write_manifest(tmp_path / "m.json", Manifest({"a": "sha256:0"}, "f", grasps), STAMP)
@@ -41,7 +41,7 @@ def test_a_manifest_comes_back_as_it_was_written(tmp_path):
         },
     ],
 )
-def test_what_is_no_manifest_names_the_command_that_makes_one(tmp_path, content):
+def test_a_wrong_manifest_is_refused_with_the_command_that_makes_one(tmp_path, content):
     write_json(tmp_path / "m.json", content)
     with pytest.raises(FormatError, match=r"tools/golden_frame\.py"):
         read_manifest(tmp_path / "m.json")

@@ -1,7 +1,7 @@
-"""Grasp labels computed slowly and obviously from triangles, one candidate a time.
+"""Grasp labels computed slowly and plainly from triangles, one candidate at a time.
 
-It shares no code with the package: lines against all triangles by Moeller and Trumbore, boxes by
-clipping every triangle, frames from the formulas of the layout.
+The module shares no code with the package: lines against all triangles by Moeller and Trumbore,
+boxes by clipping every triangle, frames from the formulas of the layout.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ MARGIN, WIDEST = 0.005, 0.06  # metres: free line behind a contact; half of the 
 
 
 def gripper_frame(view, angle):
-    """Columns approach, closing, approach x closing; in single precision, as the layout has it."""
+    """Columns approach, closing, approach x closing; in single precision, as in the layout."""
     f = np.float32
     z = (f(2) * f(view) + f(1)) / f(300) - f(1)
     turn = f(2) * f(view) * f(np.pi) * f((np.sqrt(5) - 1) / 2)
@@ -41,12 +41,12 @@ def line_hits(triangles, start, direction):
 
 
 def contact(hits, half, side):
-    """Distance and cosine of what the finger at `half` on `side` meets first; None for nothing."""
+    """Distance and cosine of the surface first met by the finger at `half` on `side`, or None."""
     on_side = [(side * s, side * c) for s, c in zip(*hits, strict=True) if 0 <= side * s <= half]
     if not on_side:
         return None
     distance, cosine = max(on_side)
-    return (distance, cosine) if cosine > 0 else None  # else the finger stands inside
+    return (distance, cosine) if cosine > 0 else None  # None: the finger starts inside
 
 
 def openings(hits):
@@ -75,7 +75,7 @@ def clip(polygon, axis, bound, sign):
 
 
 def meets(triangle, low, high):
-    """Whether a part of the triangle is strictly inside the box."""
+    """Return whether a part of the triangle is strictly inside the box."""
     polygon = list(triangle)
     for axis in range(3):
         for bound, sign in ((low[axis], 1), (high[axis], -1)):
@@ -87,7 +87,7 @@ def meets(triangle, low, high):
 
 
 def collides(triangles, origin, frame, half, depth):
-    """Whether any triangle is in the fingers or the slab behind them."""
+    """Return whether any triangle is in the fingers or the slab behind them."""
     local = (triangles - origin) @ frame
     for corners in (
         ([-0.02, half, -0.01], [depth, half + 0.01, 0.01]),

@@ -1,4 +1,4 @@
-"""Fresh regions: repeatable, truly labelled, of objects and seeds that no evaluation uses."""
+"""Endless regions: repeatable, with true labels, of objects and seeds of no evaluation."""
 
 from dataclasses import replace
 
@@ -64,7 +64,7 @@ def test_objects_that_an_evaluation_keeps_unseen_are_never_shown(root, scenes):
     assert {region.object_id for n in range(4) for region in scenes.regions(n)} == {0, 1}
 
 
-def test_without_a_list_objects_are_those_of_train_scenes(tmp_path):
+def test_without_a_list_only_objects_of_train_scenes_are_shown(tmp_path):
     bare = write_root(tmp_path)  # its scenes are of the splits seen and novel
     with pytest.raises(SymgraspError, match="no objects to train on"):
         trainable_objects(bare)
@@ -74,8 +74,8 @@ def test_without_a_list_objects_are_those_of_train_scenes(tmp_path):
 
 
 @given(st.integers(0, 2**31), st.integers(0, 2**31), st.integers(0, 5), st.integers(0, 10**6))
-def test_seeds_are_never_those_of_a_dataset(seed, other, tag, scene):
-    """Whatever the seeds: `synthesize` draws from lists [seed, tag, number], `pack` alike."""
+def test_generators_never_equal_those_of_a_dataset(seed, other, tag, scene):
+    """For all seeds: `synthesize` and `pack` draw from lists [seed, tag, number]."""
     ours = scene_generator(seed, scene).bit_generator.state["state"]
     for number in (scene, scene % 190, seed):
         for words in ([seed, tag, number], [other, tag, number], [other, number], [seed, number]):
@@ -97,7 +97,7 @@ def test_points_and_symmetries_are_of_the_same_object(root):
         assert set(np.unique(region.affordance)) <= {0.0, 1.0}
 
 
-def test_mask_errors_bring_in_points_of_others_and_lose_own_ones(root):
+def test_mask_errors_add_points_of_other_objects_and_lose_own_ones(root):
     def strays(config):
         drawn = EndlessScenes.of_root(root.root, config, 2)
         regions = [region for n in range(5) for region in drawn.regions(n)]
@@ -109,7 +109,7 @@ def test_mask_errors_bring_in_points_of_others_and_lose_own_ones(root):
     assert strays(noisy) > 0.01
 
 
-def test_what_is_held_before_the_objects_hides_some_of_them(root):
+def test_a_hand_in_front_of_the_objects_hides_some_of_them(root):
     def shown(occluders):
         drawn = EndlessScenes.of_root(root.root, replace(EXACT, occluders=occluders, views=4), 3)
         clouds = [drawn._drawn_clouds(np.random.default_rng(seed)) for seed in range(6)]
@@ -118,7 +118,7 @@ def test_what_is_held_before_the_objects_hides_some_of_them(root):
     assert shown(1.0) < shown(0.0)
 
 
-def test_the_window_shows_what_the_whole_image_shows_there(root):
+def test_the_window_equals_its_part_of_the_whole_image(root):
     mesh = read_object(root, 0).scene.mesh
     lens = sensor_intrinsics("kinect", 320, 240)
     T_world_cam = look_at([0.3, 0.2, 0.5], [0.0, 0.0, 0.0])

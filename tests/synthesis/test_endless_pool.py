@@ -1,4 +1,4 @@
-"""Scenes rendered ahead by other processes are those rendered here, and faults are sentences."""
+"""Scenes rendered ahead by other processes equal those rendered here; faults are reported."""
 
 import multiprocessing
 import os
@@ -41,9 +41,9 @@ def test_regions_are_the_same_in_any_order_and_come_from_processes_asked_to_end(
         for scene, slot in ((1, 0), (0, 3), (2, 5), (3, 1), (5, 0)):
             ours, theirs = here.regions(scene)[slot], pool.region(scene, slot)
             np.testing.assert_array_equal(theirs.points, ours.points)
-        assert min(pool._futures) >= 2  # what is past is forgotten
+        assert min(pool._futures) >= 2  # earlier scenes are dropped
         ask_to_end(pool, signal.SIGTERM)
-        assert 9 not in pool._futures  # it is rendered from here on
+        assert 9 not in pool._futures  # rendered in this process from here on
         ours, theirs = here.regions(9)[0], pool.region(9, 0)
         np.testing.assert_array_equal(theirs.points, ours.points)
         ask_to_end(pool, signal.SIGKILL)
@@ -52,7 +52,7 @@ def test_regions_are_the_same_in_any_order_and_come_from_processes_asked_to_end(
             pool.region(10, 0)
 
 
-def test_a_missing_label_is_told_to_whoever_asks(tmp_path):
+def test_a_missing_label_is_reported_to_the_process_that_requests_a_region(tmp_path):
     made = write_root(tmp_path)
     records = [ObjectRecord(i, f"object{i}", "toy", "seen") for i in range(3)]
     object_list.write(made.root / "objects.json", records, STAMP)
@@ -74,9 +74,7 @@ def write_half_a_result(marker):
     time.sleep(3600.0)
 
 
-def test_the_end_waits_neither_for_scenes_that_are_rendered_nor_for_the_rest_of_a_result(
-    root, tmp_path
-):
+def test_closing_the_pool_waits_neither_for_scenes_nor_for_the_rest_of_a_result(root, tmp_path):
     with EndlessPool(root, FEW, 0, 1) as pool:
         pool.region(0, 0)
         cut_off = pool._pool.submit(write_half_a_result, tmp_path / "half")
@@ -89,7 +87,7 @@ def test_the_end_waits_neither_for_scenes_that_are_rendered_nor_for_the_rest_of_
     assert waiting.done()
 
 
-def test_a_thread_that_loads_ahead_begins_no_process_once_the_pool_has_ended(root):
+def test_a_thread_that_loads_ahead_starts_no_process_after_the_end_of_the_pool(root):
     others = set(multiprocessing.active_children())
     with EndlessPool(root, FEW, 0, 1) as pool:
         pass

@@ -1,4 +1,4 @@
-"""Outside and inside of an open container are one, other neighbours are not."""
+"""Outside and inside of an open container are one region, other neighbours are not."""
 
 import numpy as np
 import pytest
@@ -12,14 +12,14 @@ OUTSIDE, INSIDE = Cup(0.045, 0.08), Cup(0.045, 0.08, inside=True)
 
 
 def seen(*shapes, elevation=0.7):
-    """Return labels, 1, 2, ... for `shapes`, and the tests of things of their image."""
+    """Return labels 1, 2, ... for `shapes`, and the `Things` of their image."""
     depth, index = render(shapes, looking_at_table(elevation=elevation))
     regions = geometric_regions(depth, CAMERA, RegionConfig(), np.random.default_rng(0))
     return (index + 1).astype(np.int32), regions.things
 
 
 @pytest.mark.parametrize("elevation", [0.6, 0.8, 1.0])
-def test_what_is_seen_over_the_rim_of_a_cup_is_its_inside(elevation):
+def test_the_surface_seen_over_the_rim_of_a_cup_is_its_inside(elevation):
     assert insides(*seen(OUTSIDE, INSIDE, elevation=elevation)) == {2: 1}
     assert insides(*seen(INSIDE, OUTSIDE, elevation=elevation)) == {1: 2}
 
@@ -38,7 +38,7 @@ def test_the_lid_of_a_box_is_not_the_inside_of_its_side():
     assert insides(labels * (1 + lid), things) == {}
 
 
-def test_a_cup_is_not_the_inside_of_a_box_of_its_height_beside_it():
+def test_a_cup_is_not_the_inside_of_a_box_of_its_height_next_to_it():
     labels, things = seen(OUTSIDE, INSIDE, Box((0.05, 0.05, 0.08), (0.075, -0.04, 0)))
     whole = np.where(labels == 2, 1, labels).astype(np.int32)
     assert insides(whole, things) == {}

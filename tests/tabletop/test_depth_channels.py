@@ -32,7 +32,7 @@ def table_with_slab():
     return depth.astype(np.float32), slab
 
 
-def test_channels_hold_the_height_over_the_table_and_how_upright_surfaces_are():
+def test_channels_hold_the_height_over_the_table_and_the_tilt_of_surfaces():
     depth, slab = table_with_slab()
     channels = dict(zip(CHANNEL_NAMES, depth_channels(depth, CAMERA, TABLE), strict=True))
     inner = np.zeros_like(slab)
@@ -52,7 +52,7 @@ def test_missing_depth_is_filled_and_marked():
     assert np.abs(channels[3][60:70, 70:80] - 1.0).max() < 0.2
 
 
-def test_channels_are_what_arrays_make_of_points_and_normals():
+def test_channels_equal_those_of_numpy_arrays():
     depth, _ = table_with_slab()
     rng = np.random.default_rng(0)
     depth += rng.normal(0, 0.002, depth.shape).astype(np.float32)
@@ -71,7 +71,7 @@ def test_channels_are_what_arrays_make_of_points_and_normals():
 
 def test_single_pixels_of_depth_make_no_surface():
     depth = np.zeros((144, 192), np.float32)
-    depth[::40, ::40] = 0.7  # none is left by the median of their surroundings
+    depth[::40, ::40] = 0.7  # the median of their surroundings removes them
     channels = depth_channels(depth, CAMERA, TABLE)
     assert np.isfinite(channels).all()
     assert not channels[:3].any()
@@ -89,14 +89,14 @@ def test_holes_take_the_value_of_the_nearest_pixel():
     assert nearest_measured(depth, 3)[2, [0, 1, 2, 3, 5, 6, 7, 8]].tolist() == 4 * [1] + 4 * [2]
 
 
-def test_the_plane_is_the_table():
+def test_the_plane_found_is_the_table():
     depth, _ = table_with_slab()
     plane = find_plane(SmallFrame(np.zeros((144, 192, 3), np.uint8), depth, CAMERA))
     assert plane.normal @ TABLE.normal > 0.999
     assert abs(plane.offset - TABLE.offset) < 0.005
 
 
-def test_shrinking_keeps_where_points_are():
+def test_shrinking_keeps_the_places_of_points():
     depth, _ = table_with_slab()
     small = shrink(np.zeros((144, 192, 3), np.uint8), depth, CAMERA, 72, 128)
     assert small.depth.shape == (72, 96)

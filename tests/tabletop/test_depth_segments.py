@@ -1,4 +1,4 @@
-"""Pieces of a depth image without a step between them, against a search pixel by pixel."""
+"""Connected pieces of a depth image, cut at steps, against a search pixel by pixel."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -18,13 +18,13 @@ def cloud(z):
 
 
 def neighbours(z, mask, pixel):
-    """Yield what hangs together with a pixel: the next along a row or column that has depth."""
+    """Yield the pixels connected to a pixel: the next along a row or column that has depth."""
     for direction in ((0, 1), (1, 0), (0, -1), (-1, 0)):
         for span in range(1, GAP + 1):
             other = tuple(np.add(pixel, np.multiply(direction, span)))
             if not all(0 <= place < size for place, size in zip(other, z.shape, strict=True)):
                 break
-            first = min(pixel, other)  # whose depth says what a step is
+            first = min(pixel, other)  # its depth sets the size of a step
             step = CONFIG.depth_step * max(z[first], 0.5) * (1 + 0.25 * span)
             if mask[other] and abs(z[pixel] - z[other]) < step:
                 yield other
@@ -49,7 +49,7 @@ def flooded(z, mask):
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**31 - 1), st.floats(0.0, 0.7), st.floats(0.3, 1.0))
-def test_pieces_are_what_a_flood_from_pixel_to_pixel_reaches(seed, holes, share):
+def test_pieces_equal_those_of_a_flood_fill(seed, holes, share):
     rng = np.random.default_rng(seed)
     z = 0.4 + 0.3 * rng.random() + 0.004 * rng.standard_normal(SHAPE).cumsum(axis=1)
     z[rng.random(SHAPE) < holes] = 0.0
@@ -63,7 +63,7 @@ def test_pieces_are_what_a_flood_from_pixel_to_pixel_reaches(seed, holes, share)
     assert found == flooded(z, mask)
 
 
-def test_pieces_are_numbered_as_they_are_met():
+def test_pieces_are_numbered_in_the_order_of_their_first_pixels():
     rng = np.random.default_rng(0)
     z = np.where(rng.random(SHAPE) < 0.5, 0.5, 0.8)
     labels = connected(cloud(z), np.ones(SHAPE, bool), CONFIG)
@@ -78,12 +78,12 @@ def test_a_surface_is_followed_across_missing_pixels_but_not_across_others():
     open_gap = np.where(mask, z, np.nan)
     assert connected(cloud(open_gap), mask, CONFIG).max() == 1
     measured = z.copy()
-    measured[0, 3] = 0.8  # something else lies between
+    measured[0, 3] = 0.8  # another surface is between
     measured[0, [2, 4, 6, 7]] = np.nan
     assert connected(cloud(measured), mask, CONFIG).max() == 2
 
 
-def test_nothing_gives_no_pieces():
+def test_an_image_without_depth_gives_no_pieces():
     z = np.full(SHAPE, np.nan)
     assert not connected(cloud(z), np.zeros(SHAPE, bool), CONFIG).any()
 
@@ -105,7 +105,7 @@ def folds_pair_by_pair(xyz, mask):
     return folds
 
 
-def test_surfaces_fold_inward_as_their_pairs_of_normals_say():
+def test_inward_folds_equal_those_of_single_pairs_of_normals():
     depth, index = render([Box((0.18, 0.14, 0.05)), Box((0.06, 0.06, 0.1), (0, 0, 0.05), 0.4)])
     rng = np.random.default_rng(0)
     xyz = CAMERA.backproject(np.where(rng.random(depth.shape) < 0.02, 0.0, depth))

@@ -1,4 +1,4 @@
-"""The network's axes: level, forward from the camera, the same whatever way the camera turns."""
+"""The network's axes: level, forward from the camera, the same for every camera rotation."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 
 @given(SEEDS)
-def test_axes_are_a_rotation_with_up_along_the_table_s_normal(seed):
+def test_axes_are_a_rotation_with_up_along_the_tables_normal(seed):
     rng = np.random.default_rng(seed)
     center, up = rng.normal(size=3), unit(rng.normal(size=3))
     axes = level_axes(center, Plane(up, 0.5))
@@ -27,7 +27,7 @@ def test_axes_are_a_rotation_with_up_along_the_table_s_normal(seed):
 def test_axes_turn_with_the_camera(seed):
     rng = np.random.default_rng(seed)
     center, up, turn = rng.normal(size=3), unit(rng.normal(size=3)), random_rotation(rng)
-    if abs(unit(center) @ up) > 0.99:  # straight down, the image says where forward is
+    if abs(unit(center) @ up) > 0.99:  # looking straight down, the image defines forward
         return
     assert_allclose(
         level_axes(turn @ center, Plane(turn @ up, 0.5)),
@@ -39,7 +39,7 @@ def test_axes_turn_with_the_camera(seed):
 def test_forward_is_away_from_the_camera():
     axes = level_axes([0.0, 0.0, 0.7], Plane(np.array([0.0, -0.6, -0.8]), 0.5))
     assert_allclose(axes @ [0.0, 0.0, 0.7], [0.0, 0.42, -0.56], atol=1e-12)
-    assert_allclose(axes[0], [1.0, 0.0, 0.0], atol=1e-12)  # right is the image's right
+    assert_allclose(axes[0], [1.0, 0.0, 0.0], atol=1e-12)  # right is towards the right of the image
 
 
 def test_straight_down_forward_is_up_in_the_image():

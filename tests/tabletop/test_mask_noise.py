@@ -34,7 +34,7 @@ def test_masks_differ_from_draw_to_draw_and_repeat_with_the_seed():
     assert_array_equal(draws[0], NOISE.applied(disc(), np.random.default_rng(0)))
 
 
-def test_without_a_share_to_disturb_masks_stay_as_they_are():
+def test_masks_do_not_change_if_the_share_to_disturb_is_zero():
     still = MaskNoise(share=0.0, edge=0.05, blot=0.15)
     assert_array_equal(still.applied(disc(), np.random.default_rng(0)), disc())
 
@@ -46,7 +46,7 @@ def test_an_empty_mask_stays_empty():
 
 @settings(max_examples=25, deadline=None)
 @given(seeds, st.floats(0.1, 1.0))
-def test_a_leak_takes_in_a_part_of_the_neighbour_and_of_nothing_else(seed, reach):
+def test_a_leak_adds_only_a_part_of_the_neighbour(seed, reach):
     mask, other = disc(20, (60, 60)), disc(20, (60, 98))
     result = leaked(mask, other, reach, np.random.default_rng(seed))
     gained = result & ~mask
@@ -70,7 +70,7 @@ def test_a_truncated_mask_loses_the_given_share_on_one_side_of_a_line(seed, shar
     lost, kept = (np.stack(np.nonzero(each), 1).mean(0) for each in (mask & ~left, left))
     side = (np.stack(np.nonzero(mask), 1) - kept) @ (lost - kept)
     was_lost = ~left[mask]
-    # In the direction from what is kept to what is lost, the lost ones lie beyond.
+    # Along the direction from kept to lost pixels, the lost pixels are farther.
     assert side[was_lost].mean() > side[~was_lost].mean()
 
 

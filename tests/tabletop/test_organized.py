@@ -1,4 +1,4 @@
-"""Normals of a depth image's pixels, where windows are cut and where there is no plane."""
+"""Normals of a depth image's pixels, also in cut windows and without a plane."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def bent_surface():
 
 
 def fitted_about(xyz, mask, row, column):
-    """Return the normal of the plane through the pixels in the square about one of them."""
+    """Return the normal of the plane fitted to the pixels in the square around one pixel."""
     window = tuple(slice(max(0, place - RADIUS), place + RADIUS + 1) for place in (row, column))
     points = xyz[window][mask[window]]
     design = np.column_stack([points[:, :2] / points[:, 2:], np.ones(len(points))])
@@ -26,7 +26,7 @@ def fitted_about(xyz, mask, row, column):
 
 
 @pytest.mark.parametrize("share", [1.0, 0.97])
-def test_whole_windows_and_cut_ones_give_the_plane_that_is_fitted_to_them(share):
+def test_whole_and_cut_windows_give_the_plane_fitted_to_their_pixels(share):
     xyz = bent_surface()
     mask = np.random.default_rng(1).random(xyz.shape[:2]) < share
     found = smooth_normals(xyz, mask, RADIUS)
@@ -35,7 +35,7 @@ def test_whole_windows_and_cut_ones_give_the_plane_that_is_fitted_to_them(share)
         np.testing.assert_allclose(found[row, column], expected, atol=1e-6)
 
 
-def test_a_part_of_the_image_gives_what_the_whole_gives():
+def test_a_part_of_the_image_gives_the_normals_of_the_whole():
     xyz = bent_surface()
     mask = np.zeros(xyz.shape[:2], bool)
     mask[5:20, 9:25] = np.random.default_rng(2).random((15, 16)) < 0.8
@@ -44,7 +44,7 @@ def test_a_part_of_the_image_gives_what_the_whole_gives():
     np.testing.assert_allclose(smooth_normals(xyz[part], mask[part], RADIUS), whole[part])
 
 
-def test_an_image_of_depth_gives_what_its_points_give():
+def test_a_depth_image_gives_the_normals_of_its_points():
     xyz = bent_surface()
     x = (np.arange(CAMERA.width) - CAMERA.cx) / CAMERA.fx
     y = (np.arange(CAMERA.height) - CAMERA.cy) / CAMERA.fy

@@ -42,17 +42,17 @@ def test_a_pen_of_another_colour_is_one_piece():
     assert both.sum() > 0.7 * ((found.labels == 1) | true).sum()
 
 
-def test_what_reaches_over_the_edge_of_the_table_is_no_thing():
+def test_a_piece_that_reaches_over_the_edge_of_the_table_is_no_object():
     found = pieces(with_line((10, 60), (160, 90), (40, 60, 160), 8))
     assert found.whole.tolist() == [False, False]
 
 
-def test_a_line_such_as_a_cable_or_a_joint_is_no_thing():
+def test_a_line_such_as_a_cable_or_a_joint_is_no_object():
     found = pieces(with_line((40, 60), (280, 90), (30, 30, 30), 2))
     assert not found.whole.any()
 
 
-def test_a_cable_does_not_join_what_it_connects():
+def test_a_cable_does_not_join_the_objects_it_connects():
     picture = with_line((60, 60), (280, 180), (30, 30, 30), 3)
     cv2.circle(picture, (60, 60), 16, (30, 30, 30), -1)
     cv2.circle(picture, (280, 180), 14, (30, 30, 30), -1)
@@ -61,7 +61,7 @@ def test_a_cable_does_not_join_what_it_connects():
     assert found.labels[60, 60] != found.labels[180, 280]
 
 
-def test_a_table_with_a_pattern_is_no_crowd_of_things():
+def test_the_pattern_of_a_table_is_not_taken_for_objects():
     squares = np.indices(SHAPE).sum(0) // 10 % 2 == 0
     picture = np.where(squares[..., None], (230, 230, 230), (90, 50, 30))
     assert not pieces(picture).whole.any()
@@ -74,7 +74,7 @@ def test_without_colour_or_without_a_table_there_are_no_pieces():
     assert pieces(pen, np.zeros(SHAPE, bool)).labels.max() == 0
 
 
-def test_the_outline_spans_the_parts_of_a_table_and_no_speck():
+def test_the_outline_includes_the_parts_of_a_table_and_no_speck():
     bare = BARE.copy()
     bare[:, 100:120] = False
     bare[230:234, 310:314] = True

@@ -30,6 +30,6 @@ def test_pieces_are_the_labels_with_enough_pixels(seed, most, least, share):
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**31), st.integers(1, 12), st.integers(1, 12), st.floats(0.0, 1.0))
-def test_holes_are_what_no_way_leads_out_of(seed, height, width, share):
+def test_holes_are_pixels_without_a_path_to_the_outside(seed, height, width, share):
     mask = np.random.default_rng(seed).random((height, width)) < share
     np.testing.assert_array_equal(without_holes(mask), binary_fill_holes(mask))

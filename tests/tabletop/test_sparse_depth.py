@@ -1,4 +1,4 @@
-"""Holes between measured pixels are filled where there are many, and nothing else is."""
+"""Holes between measured pixels are filled only where there are many."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ DEPTH = render([Box((0.06, 0.06, 0.1))])[0].astype(np.float32)
 
 
 @pytest.mark.parametrize("lost", [0.0, 0.1, 0.25])
-def test_depth_that_is_dense_enough_is_left_alone(lost):
+def test_dense_depth_is_not_changed(lost):
     depth = np.where(np.random.default_rng(0).random(DEPTH.shape) < lost, 0, DEPTH)
     assert measured_share(depth) >= DENSE
     assert filled(depth) is depth
@@ -22,7 +22,7 @@ def test_depth_that_is_dense_enough_is_left_alone(lost):
 
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 1000), lost=st.floats(0.4, 0.8))
-def test_a_hole_is_as_far_as_the_nearest_pixel_and_what_is_measured_stays(seed, lost):
+def test_a_hole_takes_the_depth_of_the_nearest_pixel_and_measured_pixels_do_not_change(seed, lost):
     rng = np.random.default_rng(seed)
     some = DEPTH[80:140, 120:200]
     depth = np.where(rng.random(some.shape) < lost, np.float32(0), some)

@@ -1,4 +1,4 @@
-"""Hypotheses of a plane in inverse depth, against arrays."""
+"""Hypotheses of a plane in inverse depth, against numpy arrays."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -28,7 +28,7 @@ def test_hypotheses_are_counted_by_the_pixels_near_them(seed, count):
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**31), st.integers(0, 300))
-def test_normal_equations_are_those_of_the_pixels_near_a_plane(seed, count):
+def test_normal_equations_sum_over_the_pixels_near_a_plane(seed, count):
     u, v, disparity, hypotheses = pixels(seed, count)
     squares, products = _moments(u, v, disparity, tuple(hypotheses[0].tolist()), 0.01)
     design = np.stack([u, v, np.ones(count)])

@@ -1,4 +1,4 @@
-"""The table's frame: laws, whatever the camera's pose."""
+"""Laws of the table frame for any pose of the camera."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -11,7 +11,7 @@ from pipelines.tabletop.levelling import table_from_camera
 
 @given(st.integers(0, 2**31), st.floats(0.1, 2.0))
 @settings(max_examples=40, deadline=None)
-def test_heights_are_those_of_the_plane_and_the_camera_is_over_the_origin(seed, distance):
+def test_heights_equal_those_of_the_plane_and_the_camera_is_over_the_origin(seed, distance):
     rng = np.random.default_rng(seed)
     plane = Plane(random_rotation(rng)[:, 2], distance)
     T = table_from_camera(plane)
@@ -27,5 +27,5 @@ def test_x_is_to_the_cameras_right_and_y_away_from_it():
     T = table_from_camera(slanted)
     np.testing.assert_allclose(T[:3, :3] @ [1, 0, 0], [1, 0, 0], atol=1e-12)
     assert (T[:3, :3] @ [0, 0, 1])[1] > 0
-    rolled = Plane(np.array([-1.0, 0.0, 0.0]), 0.5)  # the camera's right leads into the table
+    rolled = Plane(np.array([-1.0, 0.0, 0.0]), 0.5)  # the camera's right points into the table
     np.testing.assert_allclose(table_from_camera(rolled)[:3, :3] @ [0, 1, 0], [1, 0, 0], atol=1e-12)

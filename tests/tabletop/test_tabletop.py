@@ -1,4 +1,4 @@
-"""The support plane and what stands on it."""
+"""The support plane and the objects on it."""
 
 import cv2
 import numpy as np
@@ -64,7 +64,7 @@ def test_stray_pixels_near_the_lens_do_not_hide_the_table(at):
 
 
 def fingers(depth, share, along):
-    """Return `depth` with two fingers from the lower edge, of a `share` of the picture.
+    """Return `depth` with two fingers from the lower edge that cover a `share` of the image.
 
     `along`: metres from the lens, at the edge and at the tips.
     """
@@ -91,7 +91,7 @@ def test_fingers_of_a_hand_before_the_lens_do_not_hide_the_table(share, along):
     assert overlap(top.foreground, (index >= 0) & (seen == depth)) > 0.9
 
 
-def test_the_table_is_the_same_whatever_is_drawn():
+def test_the_table_does_not_depend_on_the_random_draws():
     depth, _ = render([Box((0.06, 0.06, 0.1)), Can(0.03, 0.12, (0.15, 0.0, 0.0))])
     depth = depth + (depth > 0) * 0.001 * np.random.default_rng(1).normal(size=depth.shape)
     tops = [
@@ -104,7 +104,7 @@ def test_the_table_is_the_same_whatever_is_drawn():
         assert (top.foreground != tops[0].foreground).mean() < 1e-4
 
 
-def test_the_foreground_is_the_objects():
+def test_the_foreground_consists_of_the_objects():
     depth, index = render([Box((0.06, 0.06, 0.1)), Can(0.03, 0.12, (0.15, 0.0, 0.0))])
     top = find_tabletop(CAMERA.backproject(depth), CAMERA, CONFIG, np.random.default_rng(0))
     assert overlap(top.foreground, index >= 0) > 0.93
@@ -134,14 +134,14 @@ def test_a_box_on_a_box_is_two_regions():
     assert all(best_overlap(regions, index == i) > 0.8 for i in range(2))
 
 
-def test_convex_edges_do_not_part_an_object():
+def test_convex_edges_do_not_split_an_object():
     depth, index = render([Box((0.1, 0.08, 0.12), yaw=0.6)])
     regions = regions_of(depth)
     assert len(regions.masks) == 1
     assert best_overlap(regions, index == 0) > 0.9
 
 
-def test_what_is_too_large_for_the_gripper_is_no_region():
+def test_an_object_too_large_for_the_gripper_is_no_region():
     depth, _ = render([Box((0.8, 0.05, 0.4), (0, 0.25, 0))])
     assert all(np.ptp(np.nonzero(mask)[1]) < 300 for mask in regions_of(depth).masks)
 
@@ -155,7 +155,7 @@ def from_above(height=0.7):
 
 @pytest.mark.parametrize("off", [0.0, 0.04, 0.08, 0.12])
 @pytest.mark.parametrize("height", [0.03, 0.06, 0.12])
-def test_what_stands_beneath_the_camera_is_found_though_its_sides_are_not_seen(height, off):
+def test_an_object_beneath_the_camera_is_found_although_its_sides_are_not_seen(height, off):
     depth, index = render([Box((0.08, 0.08, height), (off, 0.0, 0.0))], from_above())
     regions = regions_of(depth)
     assert len(regions.masks) == 1
@@ -163,7 +163,7 @@ def test_what_stands_beneath_the_camera_is_found_though_its_sides_are_not_seen(h
 
 
 @pytest.mark.parametrize("pose", [from_above(), looking_at_table()], ids=["above", "aside"])
-def test_what_hangs_over_the_table_is_no_region_where_the_table_is_seen_beneath(pose):
+def test_an_object_over_the_table_is_no_region_where_the_table_is_seen_beneath(pose):
     depth, _ = render([Ball(0.04, (0.12, 0.1, 0.2))], pose)
     beneath = regions_of(depth).masks
     assert len(beneath) == 0
@@ -177,7 +177,7 @@ def test_depth_in_a_single_row_or_column_shows_no_table(axis):
     assert top.plane is None
 
 
-def test_a_picture_on_its_side_is_thinned_as_one_that_is_not():
+def test_a_turned_image_is_thinned_like_the_upright_one():
     camera = Intrinsics(1048.0, 1048.0, 639.5, 479.5, 1280, 960)
     depth, _ = render([Box((0.06, 0.06, 0.1)), Can(0.03, 0.1, (0.15, 0, 0))], camera=camera)
     upright = Intrinsics(1048.0, 1048.0, 479.5, 639.5, 960, 1280)
@@ -230,13 +230,13 @@ PLANE = Plane(unit([0.1, -0.6, -0.8]), 0.7)
 
 def affine(plane):
     """Return a, b and c of the plane's inverse depth a u + b v + c."""
-    # A pixel's point on the plane is its ray, of depth 1, times the plane's depth there.
+    # A pixel's point on the plane is its ray of depth 1, times the plane's depth there.
     inverse = -CAMERA.rays() @ plane.normal / plane.offset
     return inverse[0, 1] - inverse[0, 0], inverse[1, 0] - inverse[0, 0], inverse[0, 0]
 
 
 @pytest.mark.parametrize("share", [0.0, 0.7])
-def test_what_is_above_is_high_over_the_plane_of_the_table_made_flat(share):
+def test_pixels_above_the_table_are_high_over_its_flattened_plane(share):
     rng = np.random.default_rng(0)
     z = rng.uniform(0.4, 1.2, (CAMERA.height, CAMERA.width))
     warp = rng.normal(0.0, 0.01, z.shape)
@@ -252,7 +252,7 @@ def test_what_is_above_is_high_over_the_plane_of_the_table_made_flat(share):
     assert above.any() == (share > 0)
 
 
-def test_pixels_near_the_plane_are_those_whose_inverse_depth_is_the_planes():
+def test_pixels_near_the_plane_have_the_inverse_depth_of_the_plane():
     rng = np.random.default_rng(1)
     z = rng.uniform(0.4, 1.2, (CAMERA.height, CAMERA.width))
     z[rng.random(z.shape) < 0.1] = np.nan
@@ -287,7 +287,7 @@ def test_large_parts_have_over_a_tenth_of_the_largest_area(seed, count):
 
 @given(st.integers(0, 2**31), st.sampled_from([0.0, 0.03]))
 @settings(max_examples=25, deadline=None)
-def test_a_footprint_contains_what_lies_over_its_cells(seed, margin):
+def test_a_footprint_contains_the_points_over_its_cells(seed, margin):
     rng = np.random.default_rng(seed)
     plane = Plane(unit(rng.normal(size=3)), 0.0)
     table = Footprint.around(rng.normal(0, 0.1, (30, 3)), plane, margin)
@@ -322,7 +322,7 @@ def test_smooth_normals_are_planes_fitted_pixel_by_pixel(seed):
     assert np.isnan(found[~known]).all()
 
 
-def test_labels_with_gaps_are_regions_all_the_same():
+def test_labels_with_gaps_give_the_same_regions():
     pose = looking_at_table()
     depth, index = render([Box((0.06, 0.05, 0.1), (-0.15, 0, 0)), Can(0.035, 0.1)], pose)
     xyz = CAMERA.backproject(depth)
@@ -338,15 +338,15 @@ def test_labels_with_gaps_are_regions_all_the_same():
 @pytest.mark.parametrize(
     "shape", [Box((0.06, 0.09, 0.1)), Box((0.12, 0.1, 0.06)), Can(0.035, 0.12)]
 )
-def test_the_lid_of_a_thing_that_alone_has_depth_is_no_table(shape):
+def test_the_lid_of_an_object_is_no_table_if_it_alone_has_depth(shape):
     depth, index = render([shape])
     found = regions_of(np.where(index == 0, depth, 0.0))
     assert found.plane is None
     assert best_overlap(found, index == 0) > 0.9
 
 
-@pytest.mark.parametrize("shape", [None, Box((0.4, 0.5, 0.03))])  # a thick board to see the edge of
-def test_a_table_with_nothing_on_it_is_a_table(shape):
+@pytest.mark.parametrize("shape", [None, Box((0.4, 0.5, 0.03))])  # a board with a visible edge
+def test_an_empty_table_is_found(shape):
     depth, index = render([shape] if shape else [])
     depth = depth if shape is None else np.where(index == 0, depth, 0.0)
     found = regions_of(depth)
@@ -354,7 +354,7 @@ def test_a_table_with_nothing_on_it_is_a_table(shape):
     assert not found.masks
 
 
-def test_a_cable_beside_a_tray_and_as_high_does_not_widen_the_tray():
+def test_a_cable_next_to_a_tray_of_its_height_does_not_widen_the_tray():
     depth = np.full((CAMERA.height, CAMERA.width), 0.8, np.float32)
     depth[20:220, 65:240] = 0.7  # the tray, on a bench
     depth[100:120, 300:305] = 0.7  # the cable

@@ -1,4 +1,4 @@
-"""Walls, arms and what lies beside the support are no things."""
+"""Walls, arms and pieces outside of the support are no objects."""
 
 import numpy as np
 
@@ -20,7 +20,7 @@ def is_region(regions, true):
     return any((mask & true).sum() > 0.5 * true.sum() for mask in regions.masks)
 
 
-def test_a_wall_behind_the_table_is_no_region_and_the_box_before_it_is():
+def test_a_wall_behind_the_table_is_no_region_and_the_box_in_front_of_it_is():
     regions, index = found(BOX, WALL)
     assert is_region(regions, index == 0)
     assert not is_region(regions, index == 1)
@@ -28,30 +28,30 @@ def test_a_wall_behind_the_table_is_no_region_and_the_box_before_it_is():
     assert regions.may_be_thing(index == 0)
 
 
-def test_a_wall_of_the_same_size_in_the_middle_of_the_table_is_a_thing():
+def test_a_wall_of_the_same_size_in_the_middle_of_the_table_is_an_object():
     regions, index = found(Box((0.3, 0.02, 0.2)))
     assert regions.may_be_thing(index == 0)
 
 
-def test_what_is_longer_than_an_object_is_no_thing():
+def test_a_piece_that_is_too_long_is_no_object():
     regions, index = found(Box((0.7, 0.05, 0.05)))
     assert not regions.may_be_thing(index == 0)
 
 
-def test_a_tall_thing_that_reaches_in_from_outside_is_none_and_a_book_there_is():
+def test_a_tall_piece_that_reaches_in_from_outside_is_no_object_and_a_book_there_is():
     arm, index = found(Box((0.5, 0.06, 0.12), (-0.45, 0.0, 0.0)))
     assert not arm.may_be_thing(index == 0)
     book, index = found(Box((0.3, 0.2, 0.02), (-0.4, 0.0, 0.0)))
     assert book.may_be_thing(index == 0)
 
 
-def test_a_rim_beside_the_support_is_no_thing():
+def test_a_rim_outside_of_the_support_is_no_object():
     regions, index = found(BOX, Box((0.3, 0.08, 0.04), (0.0, 0.4, 0.0)))
     assert not regions.may_be_thing(index == 1)
 
 
 def bin_from_above(floor_edge, slope=0.6):
-    """Return the depth of a bin whose right side is seen larger than its floor."""
+    """Return the depth of a bin whose right side appears larger than its floor."""
     v, u = np.indices((240, 320), dtype=float)
     rays = np.stack(
         [(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones(u.shape)], -1
@@ -64,18 +64,18 @@ def bin_from_above(floor_edge, slope=0.6):
     return depth
 
 
-def test_the_floor_of_a_bin_is_its_support_where_a_side_shows_more():
+def test_the_floor_of_a_bin_is_its_support_even_if_a_side_appears_larger():
     depth = bin_from_above(floor_edge=0.03)
     plane = geometric_regions(depth, CAMERA, RegionConfig(), np.random.default_rng(0)).plane
     assert -plane.normal[2] > 0.99
 
 
-def test_without_depth_nothing_is_ruled_out():
+def test_a_piece_without_depth_may_be_an_object():
     regions, index = found(BOX)
     assert regions.may_be_thing(np.zeros(index.shape, bool))
 
 
-def test_points_drawn_out_along_the_view_are_a_smear_and_a_steep_box_is_none():
+def test_points_stretched_along_the_view_are_a_smear_and_a_steep_box_is_not():
     regions, index = found(BOX)
     things = regions.things
     box = things.xyz[index == 0]
@@ -95,7 +95,7 @@ def test_a_sliver_that_leads_from_a_table_toward_the_camera_is_no_region():
     assert not regions.masks
 
 
-def test_a_strip_along_the_border_of_what_is_measured_is_no_thing():
+def test_a_strip_along_the_border_of_measured_depth_is_no_object():
     strip = Box((0.36, 0.03, 0.03), (0.0, -0.27, 0.0))
     depth, index = render([BOX, strip])
     last = np.nonzero(index == 1)[0].max()

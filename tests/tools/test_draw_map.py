@@ -1,4 +1,4 @@
-"""The map in `pipelines/__init__.py` is the import contract of pyproject.toml."""
+"""The map in `pipelines/__init__.py`, against the import contract of pyproject.toml."""
 
 import re
 
@@ -8,7 +8,7 @@ from tests import tool_scripts
 draw_map = tool_scripts.load("draw_map")
 
 
-def test_the_map_of_packages_is_what_the_import_contract_says():
+def test_the_map_of_packages_equals_the_import_contract():
     drawn = pipelines.__doc__.partition(draw_map.TITLE)[2].strip()
     assert drawn == draw_map.draw_map().strip(), "run `python tools/draw_map.py`"
 

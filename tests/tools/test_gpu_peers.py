@@ -1,4 +1,4 @@
-"""Frames of a compared method travel to a GPU and are learned from there as by `train-baseline`."""
+"""Frames of a compared method are copied to a GPU and trained on as by `train-baseline`."""
 
 import numpy as np
 import pytest
@@ -70,12 +70,12 @@ def test_a_frame_with_all_its_points_comes_back_as_it_was(frames, monkeypatch):
         same(before, after)
 
 
-def test_a_cloud_of_the_device_has_the_labels_of_the_host(frames, monkeypatch):
+def test_a_cloud_on_the_device_has_the_labels_of_the_host(frames, monkeypatch):
     for module in (graspnet_clouds, scenes_on_device):
         monkeypatch.setattr(module, "MOST_LABELLED", 10**6)
     frame = frames[0]
     tensors = {name: torch.from_numpy(each) for name, each in frame.items()}
-    count = len(frame["cloud"]) + 7  # some come twice
+    count = len(frame["cloud"]) + 7  # some points occur twice
     host = labelled_scene(frame, count, np.random.default_rng(0), 0.4)
     device = scenes_on_device.scene_on_device(tensors, count, torch.Generator(), 0.4)
     for name in ("places", "turns", "value", "width", "tolerance"):
@@ -85,7 +85,7 @@ def test_a_cloud_of_the_device_has_the_labels_of_the_host(frames, monkeypatch):
         {tuple(p) for p in np.round(each.points[each.on_object].numpy(), 4)}
         for each in (host, device)
     ]
-    assert len(seen[0] & seen[1]) > 0.98 * len(seen[0])  # but for rounding
+    assert len(seen[0] & seen[1]) > 0.98 * len(seen[0])  # except for rounding
 
 
 def test_fewer_labelled_points_are_drawn_at_random(frames, monkeypatch):
@@ -99,7 +99,7 @@ def test_fewer_labelled_points_are_drawn_at_random(frames, monkeypatch):
     assert not torch.equal(drawn[0].places, drawn[1].places)
 
 
-def test_a_training_from_frames_alone_goes_on_from_its_checkpoint(frames, tmp_path, monkeypatch):
+def test_a_training_from_packed_frames_resumes_from_its_checkpoint(frames, tmp_path, monkeypatch):
     few = Sizes(512, (128, 64, 32, 16), (8, 8, 8, 8), 16)
     monkeypatch.setitem(GRASPNET_SIZES, "light", few)
     for scene in (0, 1):

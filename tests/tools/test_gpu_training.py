@@ -1,4 +1,4 @@
-"""Objects that travel to a GPU keep their labels; regions there are those of `symgrasp train`."""
+"""Objects copied to a GPU keep their labels; regions there equal those of `symgrasp train`."""
 
 import argparse
 from dataclasses import replace
@@ -88,10 +88,10 @@ def test_the_sample_of_a_surface_covers_all_of_it(objects):
         assert np.abs(affordance - expected).mean() < 0.05
 
 
-def test_a_region_in_the_ring_is_the_one_that_train_would_draw(objects):
+def test_a_region_in_the_ring_equals_the_one_that_train_draws(objects):
     region = EndlessScenes(objects[1], FEW, 1).regions(0)[0]
     ring = rendering.RegionRing(3, CPU)
-    for _ in range(4):  # more than there is room for
+    for _ in range(4):  # more than the ring can hold
         ring.add([np.asarray(each, np.float32)[None] for each in rendering._rows(region)])
     assert len(ring) == 3
     found = ring.batch(torch.tensor([2]), CONFIG, lost_table=0.0)
@@ -110,20 +110,20 @@ def test_a_region_in_the_ring_is_the_one_that_train_would_draw(objects):
     np.testing.assert_allclose(found.camera[0], camera, atol=1e-5)
 
 
-def test_settings_are_those_of_train():
+def test_settings_equal_those_of_train():
     config = train.train_config(None, ["network.sees_camera=true", "existence=right"])
     assert config.network.sees_camera
     assert config.existence == "right"
 
 
-def test_the_rate_warms_up_and_falls_to_nothing():
+def test_the_learning_rate_warms_up_and_falls_to_zero():
     cosine = schedule.Schedule(rate=1e-3, seconds=100.0, averaged=0.999)
     assert cosine.rate_at(0, 0.0) < 1e-5
     assert cosine.rate_at(schedule.WARM_UP_STEPS, 0.0) == pytest.approx(1e-3, rel=2e-3)
     assert cosine.rate_at(10_000, 100.0) == pytest.approx(schedule.SMALLEST_RATE)
 
 
-def test_the_rate_of_the_paper_falls_by_a_tenth_at_a_time():
+def test_the_papers_learning_rate_falls_by_a_tenth_at_a_time():
     steps = schedule.Schedule(rate=1e-3, seconds=100.0, averaged=0.0, drops=20)
     found = [steps.rate_at(0, seconds) for seconds in (0.0, 4.9, 5.1, 100.0)]
     assert found == pytest.approx([1e-3, 1e-3, 0.9e-3, 0.9**20 * 1e-3])
@@ -190,7 +190,7 @@ def test_a_detector_learns_from_frames_and_keeps_the_mean_of_its_weights(frames,
     assert found.keys() == before.keys()
 
 
-def test_the_stream_of_geometry_answers_as_both_do_where_colour_is_lost(tmp_path):
+def test_the_depth_stream_alone_gives_the_output_of_both_without_colour(tmp_path):
     config = replace(FinetuneDetectorConfig(), detector=DetectorConfig(input="both"))
     both = starting_detector(config, 0).eval()
     generator = torch.Generator().manual_seed(0)
@@ -211,10 +211,8 @@ def test_the_stream_of_geometry_answers_as_both_do_where_colour_is_lost(tmp_path
     torch.testing.assert_close(answer[middle], expected[middle], atol=0.02, rtol=0.02)
 
 
-def test_rows_of_one_seed_learn_from_the_same_regions_each_by_itself(
-    objects, monkeypatch, tmp_path
-):
-    for name in ("_normal", "_uniform", "_rotations"):  # the tool's are for the whole process
+def test_rows_of_one_seed_learn_separately_from_the_same_regions(objects, monkeypatch, tmp_path):
+    for name in ("_normal", "_uniform", "_rotations"):  # replaced for the whole process
         monkeypatch.setattr(augmentation, name, getattr(augmentation, name))
     monkeypatch.setattr(torch, "set_default_device", lambda device: None)
     train.prepare_layers(CPU)

@@ -1,4 +1,4 @@
-"""The script of the paper's tables calls commands with options that exist, each step in order."""
+"""The script of the paper's tables calls commands with existing options, in order."""
 
 import os
 import shlex
@@ -22,7 +22,7 @@ TRAINED = ("multi-grasp", "gg-cnn", "pointnetgpd", "graspnet", "symmetrynet", "a
 
 
 def calls(tmp_path, *arguments):
-    """The command lines of a run in which every command does nothing."""
+    """Return the command lines of a run whose commands do nothing."""
     log, stand_in = tmp_path / "calls.txt", tmp_path / "symgrasp"
     stand_in.write_text(f'#!/bin/sh\nprintf "%s\\n" "$*" >> {log}\n', encoding="utf-8")
     stand_in.chmod(0o755)
@@ -38,7 +38,7 @@ def calls(tmp_path, *arguments):
 
 
 @pytest.mark.parametrize("size", ["full", "tiny"])
-def test_every_step_is_a_command_with_options_that_it_has(size, tmp_path):
+def test_every_step_is_a_command_with_existing_options(size, tmp_path):
     commands, tools = calls(tmp_path, size)
     for name, *arguments in commands:
         parameters = GROUP.commands[name].params
@@ -61,7 +61,7 @@ def test_table_iv_can_be_left_out(tmp_path, monkeypatch):
     assert evaluate.count("--table") == 1
 
 
-def test_given_forms_of_table_iv_are_taken(tmp_path):
+def test_given_forms_of_table_iv_are_used(tmp_path):
     folder = tmp_path / "out"
     folder.mkdir()
     shipped = sorted((SCRIPT.parents[1] / "training").glob("table-iv*.json"))
@@ -74,7 +74,7 @@ def test_given_forms_of_table_iv_are_taken(tmp_path):
     assert evaluate[-4:] == ["--table", str(given[0]), "--table", str(given[1])]
 
 
-def test_each_row_is_inferred_judged_and_known_to_the_tables(tmp_path):
+def test_each_row_is_inferred_evaluated_simulated_and_known_to_the_tables(tmp_path):
     commands, _ = calls(tmp_path, "tiny")
     made = {call[call.index("--out") + 1] for call in commands if call[0] == "infer"}
     tried = {call[1]: call[call.index("--out") + 1] for call in commands if call[0] == "simulate"}
@@ -88,7 +88,7 @@ def test_each_row_is_inferred_judged_and_known_to_the_tables(tmp_path):
 
 
 @pytest.mark.parametrize("is_later", [False, True])
-def test_a_report_goes_when_a_row_was_made_after_it(is_later, tmp_path):
+def test_a_report_is_removed_when_a_row_is_newer(is_later, tmp_path):
     row, report = tmp_path / "out/rows/ours.h5", tmp_path / "out/report.json"
     row.parent.mkdir(parents=True)
     for path in (row, report):
@@ -101,7 +101,7 @@ def test_a_report_goes_when_a_row_was_made_after_it(is_later, tmp_path):
     assert report.exists() is not is_later
 
 
-def test_given_weights_and_a_given_dataset_leave_out_their_making(tmp_path):
+def test_given_weights_and_a_given_dataset_are_not_made_again(tmp_path):
     weights = tmp_path / "out" / "weights"
     weights.mkdir(parents=True)
     for name in TRAINED:
@@ -117,14 +117,14 @@ def test_only_weights_that_are_not_given_are_trained(missing, tmp_path):
     weights.mkdir(parents=True)
     for name in TRAINED:
         (weights / f"{name}.safetensors").touch()
-    # One that has a checkpoint beside it was begun here: its own command says whether it goes on.
+    # Weights with a checkpoint were begun here: their command decides whether to go on.
     (weights / f"{missing}.checkpoint.safetensors").touch()
     commands, _ = calls(tmp_path, "full", "ROOT")
     trained = [call for call in commands if call[0] in ("train", "train-baseline")]
     assert [Path(call[call.index("--out") + 1]).stem for call in trained] == [missing]
 
 
-def test_costs_are_those_of_the_networks_that_a_row_names(tmp_path):
+def test_costs_cover_the_networks_that_a_row_names(tmp_path):
     from pipelines.configs import NetworkConfig
     from pipelines.configs.peers import PeerNetworkConfig
     from pipelines.grasp_files import grasps_file
@@ -160,7 +160,7 @@ def test_costs_are_those_of_the_networks_that_a_row_names(tmp_path):
     assert found["SymGrasp"][:2] == ["0.25", f"{learned:,}"]
 
 
-def test_the_networks_of_the_controls_differ_in_what_they_say(tmp_path, monkeypatch):
+def test_the_networks_of_the_controls_give_different_predictions(tmp_path, monkeypatch):
     import torch
 
     from pipelines.inference import models

@@ -1,4 +1,4 @@
-"""The script that makes all weights calls commands with options that exist, each step in order."""
+"""The script that makes all weights calls commands with existing options, in order."""
 
 import itertools
 import os
@@ -16,7 +16,7 @@ GROUP = get_command(app)
 
 
 def calls(size, tmp_path, *method):
-    """The command lines of a run in which every command does nothing."""
+    """Return the command lines of a run whose commands do nothing."""
     log, stand_in = tmp_path / "calls.txt", tmp_path / "symgrasp"
     stand_in.write_text(f'#!/bin/sh\nprintf "%s\\n" "$*" >> {log}\n', encoding="utf-8")
     stand_in.chmod(0o755)
@@ -29,7 +29,7 @@ def calls(size, tmp_path, *method):
 
 @pytest.mark.parametrize("method", ["default", "paper"])
 @pytest.mark.parametrize("size", ["full", "tiny"])
-def test_every_step_is_a_command_with_options_that_it_has(size, method, tmp_path):
+def test_every_step_is_a_command_with_existing_options(size, method, tmp_path):
     for name, *arguments in calls(size, tmp_path, method):
         parameters = GROUP.commands[name].params
         known = {option for each in parameters for option in (*each.opts, *each.secondary_opts)}
@@ -49,7 +49,7 @@ def test_each_file_is_written_before_it_is_read(size, tmp_path):
     assert {f"out/{name}.safetensors" for name in names} <= written
 
 
-def test_the_networks_as_printed_are_trained_by_the_preset_and_need_no_critic(tmp_path):
+def test_the_papers_networks_are_trained_by_the_preset_and_need_no_critic(tmp_path):
     trained = [
         line for line in calls("full", tmp_path, "paper") if "train" in line[0] or "det" in line[0]
     ]

@@ -1,4 +1,4 @@
-"""Labels through the post-processing of compared methods."""
+"""True labels passed through the post-processing of compared methods."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from tools.peer_oracle import METHODS, REPRESENTATIONS, write_oracle
 
 
 @pytest.mark.parametrize("name", REPRESENTATIONS)
-def test_rectangles_come_back_right(name):
+def test_true_rectangles_are_decoded_correctly(name):
     represented, least = REPRESENTATIONS[name]
     sizes = np.full(2, 60.0), np.full(2, 30.0), np.array([1.0, least])
     rows = rectangle_rows(np.array([[150.0, 200.0], [400.0, 300.0]]), np.array([0.3, -1.0]), *sizes)
@@ -28,7 +28,7 @@ def test_every_method_has_its_oracle():
     assert set(METHODS) == {"gg-cnn", "multi-grasp", "graspnet"}
 
 
-def test_hands_of_graspnet_are_labelled_ones_of_their_object(tmp_path):
+def test_hands_of_graspnet_are_labelled_hands_of_their_object(tmp_path):
     root = write_root(tmp_path / "root")
     write_labels(root)
     out, name = tmp_path / "oracle.h5", frame_names()[0]
@@ -36,7 +36,7 @@ def test_hands_of_graspnet_are_labelled_ones_of_their_object(tmp_path):
     (result,) = read_results(out, [0])
     poses = {pose.object_id: pose.T_cam_obj for pose in root.read_annotation(root.frame(name))}
     labelled = view_rotations().reshape(-1, 9)
-    for object_id in (0, 1):  # nothing holds the ball
+    for object_id in (0, 1):  # no grasp holds the ball
         distance = surface_distance(root, object_id, poses[object_id], result.grasps.translation)
         rotations = result.grasps.rotation[distance < 0.03]
         assert len(rotations)

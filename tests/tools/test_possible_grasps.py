@@ -10,7 +10,7 @@ from tests.metrics.shapes import ball, box, gripper, surface
 possible = tool_scripts.load("possible_grasps")
 
 STANDING, SLAB = (0.04, 0.05, 0.10), (0.20, 0.15, 0.004)  # metres
-# Higher than the box, a millimetre from each of its sides.
+# Walls higher than the box, a millimetre from each of its sides.
 ALONG_X, ALONG_Y = (0.12, 0.018, 0.3), (0.018, 0.05, 0.3)
 WALLS = [(ALONG_X, 0, s * 0.035) for s in (-1, 1)] + [(ALONG_Y, s * 0.03, 0) for s in (-1, 1)]
 
@@ -30,15 +30,15 @@ def test_a_standing_box_can_be_held():
     assert possible.best_quality(true_scene((STANDING, 0, 0)), 0, gripper()) == 1.0
 
 
-def test_a_wide_slab_that_lies_on_the_table_cannot():
+def test_a_wide_slab_on_the_table_cannot_be_held():
     assert possible.best_quality(true_scene((SLAB, 0, 0)), 0, gripper()) == 0.0
 
 
-def test_nor_can_a_box_between_higher_walls():
+def test_a_box_between_higher_walls_cannot_be_held():
     assert possible.best_quality(true_scene((STANDING, 0, 0), *WALLS), 0, gripper()) == 0.0
 
 
-def test_pairs_of_a_ball_lie_across_it_and_of_a_large_one_there_are_none():
+def test_pairs_of_a_ball_are_across_it_and_a_large_ball_has_none():
     rng = np.random.default_rng(0)
     pairs = possible.antipodal_pairs(ball(0.03), gripper(), rng)
     assert len(pairs) == possible.PAIRS

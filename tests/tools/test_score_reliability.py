@@ -1,4 +1,4 @@
-"""The interval of the score's excess over the success."""
+"""The interval of the difference between score and success rate."""
 
 import numpy as np
 from numpy.testing import assert_allclose
@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from tools.score_reliability import Tried, excess, reliability_rows
 
 
-def test_the_interval_is_over_scenes_and_not_over_grasps_that_are_alike():
+def test_the_interval_is_over_scenes_and_not_over_similar_grasps():
     rng = np.random.default_rng(0)
     alike = [Tried(scene, 0.8, held) for scene, held in enumerate(rng.random(10) < 0.5)]
     more, low, high = excess(alike)

@@ -47,7 +47,7 @@ def root(tmp_path: Path) -> GraspNetRoot:
     return dataset
 
 
-def test_what_is_there_is_listed(root: GraspNetRoot) -> None:
+def test_the_content_of_the_root_is_listed(root: GraspNetRoot) -> None:
     assert root.object_ids() == [5]
     assert root.scene_ids() == [0, 130]
     assert root.scene_ids("similar") == [130]
@@ -61,7 +61,7 @@ def test_what_is_there_is_listed(root: GraspNetRoot) -> None:
     assert root.scenes("kinect") == []
 
 
-def test_files_have_the_originals_names(root: GraspNetRoot) -> None:
+def test_files_have_the_names_of_the_original_dataset(root: GraspNetRoot) -> None:
     base = root.root
     assert root.model_path(5) == base / "models/005/nontextured.ply"
     assert root.grasp_label_path(5) == base / "grasp_label/005_labels.npz"
@@ -80,7 +80,7 @@ def test_depth_is_sixteen_bit_millimetres(root: GraspNetRoot) -> None:
     assert_array_equal(stored, np.rint(DEPTH * 1000))
 
 
-def test_depth_that_cannot_be_stored_is_missing(tmp_path: Path) -> None:
+def test_depth_that_sixteen_bits_cannot_hold_is_stored_as_missing(tmp_path: Path) -> None:
     metres = np.array([[np.nan, np.inf, -1.0, 0.0, 66.0, 0.5]])
     graspnet.write_depth(tmp_path / "d.png", metres)
     stored = cv2.imread(str(tmp_path / "d.png"), cv2.IMREAD_UNCHANGED)
@@ -99,7 +99,7 @@ def test_a_frame_reads_as_it_was_written(root: GraspNetRoot) -> None:
 
 
 @pytest.mark.parametrize("metres", [0.03, 0.135, 9.0])
-def test_the_unit_of_a_root_is_known_and_no_depth_makes_it_doubtful(
+def test_the_unit_of_a_root_is_known_and_never_guessed_from_depth(
     root: GraspNetRoot, metres: float
 ) -> None:
     files = root.scene(0).frame(1)
@@ -123,7 +123,7 @@ def test_frames_are_known_by_the_end_of_their_name(root: GraspNetRoot, prefix: s
         root.frame("mosd/learn6")
 
 
-def test_missing_parts_are_sentences(root: GraspNetRoot) -> None:
+def test_missing_parts_are_reported_in_one_sentence(root: GraspNetRoot) -> None:
     with pytest.raises(MissingInputError, match="scene_0007"):
         root.scene(7)
     with pytest.raises(UnknownNameError, match="kinect"):
@@ -134,7 +134,7 @@ def test_missing_parts_are_sentences(root: GraspNetRoot) -> None:
         GraspNetRoot(root.root / "none").object_ids()
 
 
-def test_a_colour_picture_is_no_label(root: GraspNetRoot) -> None:
+def test_a_colour_picture_is_refused_as_label(root: GraspNetRoot) -> None:
     frame = root.scene(0).frame(0)
     write_image(frame.path("label"), np.zeros((48, 64, 3), np.uint8))
     with pytest.raises(FormatError, match="channel"):
@@ -158,7 +158,7 @@ def test_splits_go_on_a_thousand_above() -> None:
 
 
 @pytest.mark.parametrize(("largest", "bits"), [(254, np.uint8), (255, np.uint16)])
-def test_labels_have_the_bits_that_their_ids_need(
+def test_labels_have_as_many_bits_as_their_ids_need(
     root: GraspNetRoot, largest: int, bits: type
 ) -> None:
     frame, label = root.scene(0).frame(1), np.arange(48 * 64).reshape(48, 64) % (largest + 2)
@@ -168,7 +168,7 @@ def test_labels_have_the_bits_that_their_ids_need(
     np.testing.assert_array_equal(read, label)
 
 
-def test_depth_alone_is_that_of_the_frame(root: GraspNetRoot) -> None:
+def test_depth_read_alone_equals_the_depth_of_the_frame(root: GraspNetRoot) -> None:
     files = root.scene(0).frame(1)
     files.path("rgb").unlink()
     depth, intrinsics = root.read_depth(files)
@@ -176,7 +176,7 @@ def test_depth_alone_is_that_of_the_frame(root: GraspNetRoot) -> None:
     assert intrinsics == CAMERA
 
 
-def test_a_frame_without_a_camera_pose_is_one_sentence(root: GraspNetRoot) -> None:
+def test_a_frame_without_a_camera_pose_is_reported_in_one_sentence(root: GraspNetRoot) -> None:
     scene = root.scene(0)
     assert_array_equal(scene.table_from_camera(2), np.eye(4))
     with pytest.raises(FormatError, match="frame 3 has none"):

@@ -68,7 +68,7 @@ def test_only_one_array_of_a_part_is_read(parts: list[Path]) -> None:
     assert [len(points) for points in part_arrays(parts, "points")] == [1, 2, 3]
 
 
-def test_a_damaged_part_is_one_sentence_and_leaves_nothing(
+def test_a_damaged_part_is_reported_in_one_sentence_and_leaves_nothing(
     tmp_path: Path, parts: list[Path]
 ) -> None:
     parts[1].write_bytes(parts[1].read_bytes()[:-200])

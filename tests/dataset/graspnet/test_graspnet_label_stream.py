@@ -1,4 +1,4 @@
-"""Grasp labels in pieces: the same numbers as the whole, and every fault one sentence."""
+"""Grasp labels read in pieces: the same numbers as the whole, one sentence for every fault."""
 
 import io
 import tracemalloc
@@ -100,7 +100,7 @@ def test_an_object_without_grasp_points_has_no_pieces(tmp_path: Path) -> None:
         ({"points": np.zeros((stream.MAX_POINTS + 1, 3), np.float32)}, "at most 100000"),
     ],
 )
-def test_wrong_arrays_are_sentences(
+def test_wrong_arrays_are_reported_in_one_sentence(
     tmp_path: Path, change: dict[str, np.ndarray | None], sentence: str
 ) -> None:
     changed = {name: a for name, a in (arrays(2) | change).items() if a is not None}
@@ -113,7 +113,7 @@ def test_wrong_arrays_are_sentences(
 
 @pytest.mark.parametrize("packing", ["stored", "deflated"])
 @pytest.mark.parametrize("kept", [0, 100, 0.5, 0.999])
-def test_a_truncated_archive_is_one_sentence(
+def test_a_truncated_archive_is_reported_in_one_sentence(
     tmp_path: Path, saved: dict[str, Path], packing: str, kept: float
 ) -> None:
     data = saved[packing].read_bytes()
@@ -123,7 +123,7 @@ def test_a_truncated_archive_is_one_sentence(
 
 
 @pytest.mark.parametrize("packing", ["stored", "deflated"])
-def test_damage_in_the_middle_is_one_sentence(
+def test_damage_in_the_middle_is_reported_in_one_sentence(
     tmp_path: Path, saved: dict[str, Path], packing: str
 ) -> None:
     data = bytearray(saved[packing].read_bytes())

@@ -44,7 +44,9 @@ def test_offsets_are_angle_depth_width(label: labels.GraspLabel) -> None:
     assert_allclose([angle, depth], [3 * np.pi / 12, 0.02], rtol=1e-6)
 
 
-def test_holding_grasps_are_those_without_collision_that_hold(label: labels.GraspLabel) -> None:
+def test_holding_grasps_are_in_force_closure_and_free_of_collision(
+    label: labels.GraspLabel,
+) -> None:
     grasps = labels.holding_grasps(label)
     assert_array_equal(grasps.index, [[0, 5, 3, 1], [1, 250, 11, 3]])
     assert_allclose(grasps.min_friction, [0.3, 1.0])
@@ -68,7 +70,9 @@ def test_collision_labels_keep_their_order(tmp_path: Path) -> None:
         assert_array_equal(stored, array)
 
 
-def test_a_truncated_label_is_one_sentence(tmp_path: Path, label: labels.GraspLabel) -> None:
+def test_a_truncated_label_is_reported_in_one_sentence(
+    tmp_path: Path, label: labels.GraspLabel
+) -> None:
     path = tmp_path / "000_labels.npz"
     labels.write_grasp_label(path, label)
     path.write_bytes(path.read_bytes()[:-300])

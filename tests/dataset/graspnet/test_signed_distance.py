@@ -33,13 +33,13 @@ def test_a_grid_is_written_with_x_fastest_and_read_again(tmp_path: Path) -> None
         "nan 0 0\n0 0 0\n1",
     ],
 )
-def test_a_damaged_grid_is_one_sentence(tmp_path: Path, text: str) -> None:
+def test_a_damaged_grid_is_reported_in_one_sentence(tmp_path: Path, text: str) -> None:
     (tmp_path / "textured.sdf").write_text(text)
     with pytest.raises(FormatError, match=r"textured\.sdf"):
         read_sdf(tmp_path / "textured.sdf")
 
 
-def test_the_grid_as_stored_is_the_one_that_is_read_again(tmp_path):
+def test_the_stored_grid_equals_the_grid_that_is_read_again(tmp_path):
     rng = np.random.default_rng(0)
     values = rng.normal(size=(7, 8, 9)) * 10.0 ** rng.integers(-9, 1, (7, 8, 9))
     values[0, 0, :2] = 0.0, 9.9999996e-4

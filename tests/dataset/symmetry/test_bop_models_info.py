@@ -70,7 +70,7 @@ def test_every_transform_maps_the_surface_onto_itself(seed, name):
         assert gap.max() < 0.2  # mm; an odd turn misses by 5
 
 
-def test_the_counts_are_those_of_each_solid():
+def test_each_solid_has_its_number_of_transforms():
     entries = {name: bop_models_info.entry_of(*solid(name)) for name in SOLIDS}
     discrete = {name: len(e.get("symmetries_discrete", [])) for name, e in entries.items()}
     continuous = {name: len(e.get("symmetries_continuous", [])) for name, e in entries.items()}
@@ -102,7 +102,7 @@ def test_a_mesh_in_millimetres_keeps_its_numbers():
     ],
 )
 @pytest.mark.parametrize("unit", [1.0, 1000.0])
-def test_what_is_written_is_read_back_as_the_rotation_it_says(tmp_path, name, kind, order, unit):
+def test_a_written_rotation_is_read_back_as_the_same_rotation(tmp_path, name, kind, order, unit):
     T = make_pose(rotation_about(X + Y, 0.4), [0.03, 0.1, -0.2])
     mesh, symmetries = solid(name, T)
     path = tmp_path / "models_info.json"
@@ -121,7 +121,7 @@ def test_what_is_written_is_read_back_as_the_rotation_it_says(tmp_path, name, ki
     assert np.linalg.norm(np.cross(found.point - unit * T[:3, 3], found.axis)) < 1e-6 * unit
 
 
-def test_the_identity_of_a_whole_group_is_no_turn(tmp_path):
+def test_the_identity_of_a_whole_group_is_not_read_as_a_turn(tmp_path):
     mesh, half_turn = solid("box")[0], np.diag([-1.0, -1.0, 1.0, 1.0])
     discrete = [np.eye(4).ravel().tolist(), half_turn.ravel().tolist()]
     path = tmp_path / "models_info.json"
@@ -160,7 +160,7 @@ def test_names_without_numbers_are_numbered_and_kept(tmp_path):
         {"diameter": "large"},
     ],
 )
-def test_a_wrong_entry_is_one_sentence(tmp_path, entry):
+def test_a_wrong_entry_is_reported_in_one_sentence(tmp_path, entry):
     path = tmp_path / "models_info.json"
     path.write_text(json.dumps({"3": entry}))
     with pytest.raises(FormatError, match="object 3"):

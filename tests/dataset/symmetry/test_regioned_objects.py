@@ -1,4 +1,4 @@
-"""An object with its regions: of the mesh that these were cut from, and of no other."""
+"""An object with its regions, which belong only to the mesh that they were cut from."""
 
 import json
 
@@ -15,7 +15,7 @@ from tests.stages.toy_root import write_root
 
 @pytest.fixture
 def root(tmp_path):
-    """A dataset whose labels of object 0 say what mesh they are made of."""
+    """A dataset whose labels of object 0 name the mesh that they are made from."""
     made = write_root(tmp_path)
     path, inputs = made.symmetry_path(0), {"mesh": digest(made.model_path(0))}
     labels = symmetry_labels.read(path)
@@ -36,7 +36,7 @@ def test_regions_of_another_mesh_are_refused(root):
 
 
 @pytest.mark.parametrize("stamp", [None, "me", {}, {"inputs": "me"}, {"inputs": {}}])
-def test_labels_by_hand_need_not_say_what_they_were_made_of(root, stamp):
+def test_labels_by_hand_need_not_name_their_mesh(root, stamp):
     path = root.symmetry_path(0)
     content = json.loads(path.read_text()) | {"provenance": stamp}
     path.write_text(json.dumps(content))

@@ -32,7 +32,7 @@ def applied(tmp_path, *entries):
     return symmetry_edits.apply(edits, FOUND_HERE, SOURCES, (CANDIDATE,))
 
 
-def test_nothing_to_correct_leaves_all_as_it_was(tmp_path):
+def test_a_file_without_corrections_changes_nothing(tmp_path):
     symmetries, sources = applied(tmp_path)
     assert tuple(symmetries) == FOUND_HERE
     assert tuple(sources) == SOURCES
@@ -45,14 +45,14 @@ def test_a_dropped_symmetry_is_gone_and_indices_do_not_move(tmp_path):
     assert sources == [FROM_BOP]
 
 
-def test_an_added_plane_stands_among_the_planes_and_is_by_hand(tmp_path):
+def test_an_added_plane_joins_the_planes_and_is_marked_as_made_by_hand(tmp_path):
     symmetries, sources = applied(tmp_path, {"add": PLANE})
     assert [s.kind for s in symmetries] == ["reflection"] * 3 + ["rotation"]
     assert symmetries[2].normal.tolist() == [0, 0, 1]
     assert sources == [FOUND, FOUND, BY_HAND, FROM_BOP]
 
 
-def test_a_fix_changes_what_it_names_and_keeps_the_rest(tmp_path):
+def test_a_fix_changes_the_named_fields_and_keeps_the_rest(tmp_path):
     fix = {"kind": "rotation", "index": 0, "order": 4}
     symmetries, sources = applied(tmp_path, {"fix": fix})
     assert symmetries[2].order == 4
@@ -83,7 +83,9 @@ def test_a_rejected_candidate_is_accepted(tmp_path):
         ({"accept": {"index": 1}}, "has no rejected candidate 1; it has 1"),
     ],
 )
-def test_what_is_not_there_is_one_sentence_that_lists_what_is(tmp_path, entry, sentence):
+def test_a_missing_symmetry_is_reported_in_one_sentence_that_lists_the_known_ones(
+    tmp_path, entry, sentence
+):
     with pytest.raises(SymgraspError, match=sentence):
         applied(tmp_path, entry)
 
@@ -102,7 +104,7 @@ def test_a_file_of_another_form_is_refused(tmp_path, entries, error):
         symmetry_edits.read(write(tmp_path / "edits.json", entries))
 
 
-def test_the_digest_is_of_one_objects_corrections_alone(tmp_path):
+def test_the_digest_covers_only_the_corrections_of_one_object(tmp_path):
     entries = [{"add": PLANE}]
     first = symmetry_edits.read(write(tmp_path / "a.json", entries))["003"]
     (tmp_path / "b.json").write_text(json.dumps({"001": [], "003": entries}))

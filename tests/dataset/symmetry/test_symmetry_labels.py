@@ -90,7 +90,7 @@ def test_a_label_file_comes_back_and_is_stamped(tmp_path: Path) -> None:
         {"symmetries": [], "regions": [{"triangles": [-1]}]},
     ],
 )
-def test_a_wrong_label_file_is_one_sentence(tmp_path: Path, content: object) -> None:
+def test_a_wrong_label_file_is_reported_in_one_sentence(tmp_path: Path, content: object) -> None:
     path = tmp_path / "005.json"
     path.write_text(json.dumps(content))
     with pytest.raises(FormatError, match=r"005\.json"):
@@ -143,7 +143,7 @@ AXIS = {"kind": "rotation", "axis": [0, 0, 1], "point": [0, 0, 0]}
         ([{"name": "lid", "triangles": [0], "symmetries": AXIS}], "'lid' are no list"),
     ],
 )
-def test_a_bad_file_of_regions_is_one_sentence(
+def test_a_bad_file_of_regions_is_reported_in_one_sentence(
     tmp_path: Path, mesh: Mesh, entries: list[object], sentence: str
 ) -> None:
     path = tmp_path / "005.json"

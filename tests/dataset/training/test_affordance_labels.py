@@ -76,7 +76,7 @@ def test_columns_of_other_shapes_are_refused_before_they_are_read(
             read(path)
 
 
-def test_damaged_files_are_sentences(tmp_path: Path) -> None:
+def test_damaged_files_are_reported_in_one_sentence(tmp_path: Path) -> None:
     path = tmp_path / "005.h5"
     affordance_labels.write(path, labels(5, 9), STAMP)
     with h5py.File(path, "a") as file:

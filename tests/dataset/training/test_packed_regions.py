@@ -80,7 +80,7 @@ def test_points_are_stored_a_region_a_chunk(folder: Path) -> None:
         assert file["object_id"].chunks is None
 
 
-def test_files_of_before_there_were_chunks_are_read(folder: Path) -> None:
+def test_files_without_chunks_of_an_earlier_version_are_read(folder: Path) -> None:
     with h5py.File(folder / "scene_0002.h5", "a") as file:
         points = file["points"][()]
         del file["points"]
@@ -104,7 +104,7 @@ def test_regions_read_in_any_order_are_those_of_the_scene(order: list[int]) -> N
                 assert_array_equal(read, getattr(scene, column)[index % 3])
 
 
-def test_what_an_interrupted_run_left_is_not_read(folder: Path) -> None:
+def test_leftovers_of_an_interrupted_run_are_not_read(folder: Path) -> None:
     (folder / ".scene_0001.x7.h5").write_bytes(b"half a scene")
     assert len(PackedReader(folder)) == 5
     before = digest_folder(folder, "*.h5")
@@ -129,7 +129,7 @@ def test_a_scene_of_unequal_columns_is_refused() -> None:
         PackedScene(**{**vars(packed(3)), "object_id": np.arange(2)})
 
 
-def test_damaged_scenes_are_sentences(folder: Path) -> None:
+def test_damaged_scenes_are_reported_in_one_sentence(folder: Path) -> None:
     with h5py.File(folder / "scene_0000.h5", "a") as file:
         del file["affordance"]
     with pytest.raises(FormatError, match="scene_0000"):
@@ -141,7 +141,7 @@ def test_damaged_scenes_are_sentences(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("name", COLUMNS)
-def test_columns_of_another_shape_are_sentences(folder: Path, name: str) -> None:
+def test_columns_of_another_shape_are_reported_in_one_sentence(folder: Path, name: str) -> None:
     with h5py.File(folder / "scene_0000.h5", "a") as file:
         column = file[name][()]
         del file[name]

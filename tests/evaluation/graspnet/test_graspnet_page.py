@@ -1,4 +1,4 @@
-"""The page of a dump's report, and the figures it is drawn from."""
+"""The page of a dump's report, and the figures that the page shows."""
 
 import numpy as np
 import pytest
@@ -56,7 +56,7 @@ def test_the_mean_of_a_curve_is_the_average_precision():
         assert len(curves["reachable"]) == RANKS
 
 
-def test_no_curve_is_above_what_so_many_grasps_could_reach():
+def test_no_curve_is_above_the_limit_that_its_number_of_grasps_sets():
     curves = tally().accuracy()["kinect"]
     assert curves["seen"]["reachable"] == [0.5] * RANKS  # one frame of two has 60 grasps
     assert curves["novel"]["reachable"][3] == pytest.approx((2 / 4 + 1) / 2)
@@ -86,6 +86,6 @@ def test_the_page_shows_every_scene_curve_and_fault_and_needs_no_other_file():
     assert not any("src" in attributes or "href" in attributes for _, attributes in read.found)
 
 
-def test_the_page_of_a_dump_of_which_nothing_could_be_judged_says_why():
+def test_the_page_of_a_dump_without_judged_frames_gives_the_reason():
     page = dump_page(report(DumpTally()), "dump", {"scene_0100_kinect": "has no poses"})
     assert "has no poses" in Reader(page).text

@@ -1,4 +1,4 @@
-"""Whatever decides the verdicts on a dumped scene changes its digests, and nothing else does."""
+"""Digests of a dumped scene, which change with the inputs of its verdicts and nothing else."""
 
 import shutil
 from pathlib import Path
@@ -64,7 +64,7 @@ def test_each_kind_of_input_has_its_digest(folder, kind):
         ("root/scenes/scene_0100/realsense/depth/0000.png", False, False),
     ],
 )
-def test_only_what_is_read_counts(folder, file, matters, matters_exactly):
+def test_files_that_are_not_read_do_not_change_the_digests(folder, file, matters, matters_exactly):
     before = [digests(folder), digests(folder, exact=True)]
     touched(folder / file)
     after = [digests(folder), digests(folder, exact=True)]
@@ -72,7 +72,7 @@ def test_only_what_is_read_counts(folder, file, matters, matters_exactly):
     assert changes == [matters, matters_exactly]
 
 
-def test_a_grid_beside_the_mesh_is_read_instead_of_it(folder):
+def test_a_grid_next_to_the_mesh_is_read_in_its_place(folder):
     before = [digests(folder), digests(folder, exact=True)]
     (folder / SURFACE).with_suffix(".sdf").write_text("a grid")
     after = [digests(folder), digests(folder, exact=True)]
@@ -81,7 +81,7 @@ def test_a_grid_beside_the_mesh_is_read_instead_of_it(folder):
     assert digests(folder) == after[0]
 
 
-def test_a_scene_knows_only_its_own_table(folder):
+def test_the_digest_of_a_scene_depends_on_its_own_table_only(folder):
     before = digests(folder)
     touched(folder / TABLE)
     after = digests(folder)
@@ -96,7 +96,7 @@ def test_a_mesh_of_an_object_that_no_annotation_names_does_not_count(folder):
 
 
 @pytest.mark.parametrize("file", [PARTS["meshes"], TABLE, PARTS["poses"]])
-def test_what_is_absent_has_a_digest_too(folder, file):
+def test_missing_inputs_have_a_digest_too(folder, file):
     before = digests(folder)[0]
     (folder / file).unlink()
     assert digests(folder)[0] != before

@@ -1,4 +1,4 @@
-"""Which frames are shown, and where their numbers stand."""
+"""The choice of frames that a page shows, and the places of their numbers."""
 
 import numpy as np
 

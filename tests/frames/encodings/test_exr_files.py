@@ -1,4 +1,4 @@
-"""OpenEXR depth: half and float, one channel or three, damage."""
+"""OpenEXR depth: half and float, one channel or three, damaged files."""
 
 from pathlib import Path
 
@@ -26,18 +26,18 @@ def write(path: Path, **channels: np.ndarray) -> Path:
 
 @pytest.mark.parametrize("kind", [np.float16, np.float32])
 @pytest.mark.parametrize("names", ["Z", "Y", "R", "RGB", "RGBA"])
-def test_depth_is_read_of_any_channels(tmp_path: Path, kind: type, names: str) -> None:
+def test_depth_is_read_from_any_channel(tmp_path: Path, kind: type, names: str) -> None:
     depth = METRES.astype(kind)
     channels = {name: np.ones_like(depth) if name == "A" else depth for name in names}
     assert_allclose(read_exr(write(tmp_path / "d.exr", **channels)), depth)
 
 
-def test_empty_channels_beside_the_depth_do_not_count(tmp_path: Path) -> None:
+def test_empty_channels_next_to_the_depth_are_ignored(tmp_path: Path) -> None:
     empty = np.zeros_like(METRES)
     assert_allclose(read_exr(write(tmp_path / "d.exr", R=METRES, G=empty, B=empty)), METRES)
 
 
-def test_a_frame_of_words_within_names_has_exr_depth(tmp_path: Path) -> None:
+def test_a_frame_whose_names_contain_other_words_has_exr_depth(tmp_path: Path) -> None:
     build.image(tmp_path / "7-glass-rgb-img.jpg", build.color(0))
     write(tmp_path / "7-glass-depth-img.exr", R=METRES, G=METRES, B=METRES)
     camera = dict(zip(("fx", "fy", "cx", "cy"), build.FOUR, strict=True))
@@ -47,7 +47,7 @@ def test_a_frame_of_words_within_names_has_exr_depth(tmp_path: Path) -> None:
     assert_allclose(source.read().depth, METRES)
 
 
-def test_channels_that_differ_are_a_picture(tmp_path: Path) -> None:
+def test_a_file_whose_channels_differ_is_refused_as_a_picture(tmp_path: Path) -> None:
     build.image(tmp_path / "a_color.png", build.color(0))
     write(tmp_path / "a_depth.exr", R=METRES, G=METRES + 1, B=METRES + 2)
     with pytest.raises(FormatError, match="colourised"):
@@ -55,7 +55,7 @@ def test_channels_that_differ_are_a_picture(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("cut", [0, 4, 100, -30])
-def test_damaged_files_are_a_sentence(tmp_path: Path, cut: int) -> None:
+def test_damaged_files_are_reported_in_one_sentence(tmp_path: Path, cut: int) -> None:
     path = write(tmp_path / "d.exr", Z=METRES)
     path.write_bytes(path.read_bytes()[:cut])
     with pytest.raises(SymgraspError, match=r"d\.exr"):

@@ -1,4 +1,4 @@
-"""MATLAB 5 files: what scipy writes is read back, damage is a sentence."""
+"""MATLAB 5 files: files of scipy are read back, damage gives an error sentence."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ CONTENT = {
 
 
 @pytest.mark.parametrize("compress", [True, False])
-def test_what_scipy_writes_is_read_back(tmp_path: Path, compress: bool) -> None:
+def test_a_file_that_scipy_writes_is_read_back(tmp_path: Path, compress: bool) -> None:
     path = tmp_path / "x.mat"
     extra = {"text": "words", "cell": {"a": 1}, "complex": np.array([1j])}
     scipy.io.savemat(path, CONTENT | extra, do_compression=compress)
@@ -32,7 +32,7 @@ def test_what_scipy_writes_is_read_back(tmp_path: Path, compress: bool) -> None:
         assert_array_equal(read[name], expected)
 
 
-def test_other_versions_say_how_to_save(tmp_path: Path) -> None:
+def test_other_versions_are_refused_with_the_way_to_save(tmp_path: Path) -> None:
     path = tmp_path / "x.mat"
     scipy.io.savemat(path, {"x": np.eye(3)}, format="4")
     with pytest.raises(FormatError, match="save -v7"):
@@ -42,7 +42,7 @@ def test_other_versions_say_how_to_save(tmp_path: Path) -> None:
         read_mat(path)
 
 
-def test_every_cut_is_a_sentence_or_fewer_arrays(tmp_path: Path) -> None:
+def test_every_cut_gives_a_sentence_or_fewer_arrays(tmp_path: Path) -> None:
     path = tmp_path / "x.mat"
     scipy.io.savemat(path, CONTENT)
     whole = path.read_bytes()

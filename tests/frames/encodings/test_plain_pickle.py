@@ -1,4 +1,4 @@
-"""Pickles: numbers come out, and nothing in them is ever run."""
+"""Reading of pickles: their numbers are read, and nothing in them is ever run."""
 
 import builtins
 import collections
@@ -29,7 +29,7 @@ CONTENT = {
     "raw": b"\x00\xff",
     "list": [1, 2.0, (np.arange(2), None)],
 }
-# What numpy 1 under Python 2 wrote: {"K": array([[1., 2.]]), "n": float32(3)}, protocol 2.
+# As written by numpy 1 under Python 2: {"K": array([[1., 2.]]), "n": float32(3)}, protocol 2.
 PYTHON_2 = (
     b"\x80\x02}q\x00(U\x01Kq\x01cnumpy.core.multiarray\n_reconstruct\nq\x02cnumpy\nndarray\nq\x03"
     b"K\x00\x85U\x01b\x87Rq\x04(K\x01K\x01K\x02\x86cnumpy\ndtype\nq\x05U\x02f8K\x00K\x01\x87Rq\x06"
@@ -65,7 +65,7 @@ def test_numpys_own_pickled_files_are_read(tmp_path: Path) -> None:
     assert_same(read_plain_pickle(tmp_path / "a.npy"), CONTENT)
 
 
-def test_what_python_2_wrote_is_read(tmp_path: Path) -> None:
+def test_a_pickle_of_python_2_is_read(tmp_path: Path) -> None:
     assert_array_equal(read(tmp_path / "a.pkl", PYTHON_2)["K"], [[1.0, 2.0]])
 
 
@@ -77,7 +77,7 @@ def test_a_real_file_of_python_2_is_read(shared: Path) -> None:
 
 
 class Calls:
-    """Pickles to a call."""
+    """An object whose pickle holds a call."""
 
     def __init__(self, function: Any, *arguments: Any) -> None:
         self.call = function, arguments
@@ -87,7 +87,7 @@ class Calls:
 
 
 def calls(flag: Path) -> dict[str, Any]:
-    """Things that a pickle must not get; each would leave a file where it was run."""
+    """Calls that a pickle must never make; each would leave a file where it ran."""
     write = f"__import__('pathlib').Path({str(flag)!r}).touch()"
     return {
         "system": Calls(os.system, f"touch {flag}"),
@@ -157,18 +157,18 @@ def test_containers_that_unfold_without_end_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("put", [b"r\xff\xff\xff\x7f", b"p2147483647\n"])
-def test_a_far_place_to_remember_at_takes_no_memory(tmp_path: Path, put: bytes) -> None:
+def test_a_large_memo_index_takes_no_memory(tmp_path: Path, put: bytes) -> None:
     with pytest.raises(FormatError, match="at place 2147483647"):
         read(tmp_path / "a.pkl", b"]" + put + b".")
 
 
-def test_arrays_may_not_claim_what_is_not_there(tmp_path: Path) -> None:
+def test_arrays_that_claim_missing_data_are_refused(tmp_path: Path) -> None:
     data = pickle.dumps(np.arange(2.0), 2).replace(b"K\x02\x85", b"K\x7f\x85")
     with pytest.raises(FormatError, match="reshape"):
         read(tmp_path / "a.pkl", data)
 
 
-def test_the_names_that_are_known_are_few_and_harmless() -> None:
+def test_the_allowed_names_are_few_and_harmless() -> None:
     assert {module.split(".")[0] for module, _name in ALLOWED} == {"numpy", "_codecs"}
     assert all(each.__module__ == plain_pickle.__name__ for each in ALLOWED.values())
     assert len(ALLOWED) == 13
@@ -176,7 +176,7 @@ def test_the_names_that_are_known_are_few_and_harmless() -> None:
 
 @settings(max_examples=300, deadline=None)
 @given(st.binary(max_size=40), st.integers(0, 400), st.integers(0, 5))
-def test_damaged_pickles_are_a_sentence_or_numbers(
+def test_damaged_pickles_give_a_sentence_or_numbers(
     tmp_path_factory: pytest.TempPathFactory, piece: bytes, at: int, protocol: int
 ) -> None:
     data = pickle.dumps(CONTENT, protocol)

@@ -1,4 +1,4 @@
-"""YAML files of cameras: every form that users have, the bounds of what is read, damage."""
+"""YAML files of cameras: every form that users have, limits of size, damage."""
 
 from pathlib import Path
 
@@ -59,7 +59,7 @@ def test_every_form_of_a_camera_is_read(tmp_path: Path, form: str) -> None:
     assert camera.units_per_metre is None
 
 
-def test_a_comment_takes_no_number_away(tmp_path: Path) -> None:
+def test_a_comment_does_not_hide_a_number(tmp_path: Path) -> None:
     text = f"K: {ROWS}  # row by row\ndepth_scale: 4000  # L515: 0.25 mm\nwidth: 64 #\nheight: 48\n"
     (tmp_path / "c.yaml").write_text(text)
     camera = read_camera_file(tmp_path / "c.yaml")
@@ -72,7 +72,7 @@ def test_a_unit_that_is_no_number_is_refused_and_not_passed_over(tmp_path: Path)
         read_camera_file(tmp_path / "c.yaml")
 
 
-def test_values_are_numbers_texts_lists_and_what_stands_below_them(tmp_path: Path) -> None:
+def test_values_are_numbers_texts_lists_and_nested_mappings(tmp_path: Path) -> None:
     text = "a:\n  b: 1\n  c: [2, x]\nd:\n- - 3\n  - 4\nf: ~\ng:\nh: x#y\ni: -1\nj: 1:30\nk: yes\n"
     (tmp_path / "c.yaml").write_text(text)
     assert read_yaml(tmp_path / "c.yaml") == {
@@ -109,7 +109,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("kind", REFUSED)
-def test_files_that_could_cost_much_or_are_damaged_are_one_sentence(
+def test_files_that_could_cost_much_or_are_damaged_are_reported_in_one_sentence(
     tmp_path: Path, kind: str
 ) -> None:
     text, sentence = REFUSED[kind]
@@ -126,6 +126,6 @@ def test_a_long_recording_is_read_as_its_first_message(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("tag", ["python/object/apply:os.system", "python/name:os.system", "bool"])
-def test_no_tag_makes_anything_but_texts_and_numbers(tmp_path: Path, tag: str) -> None:
+def test_tags_give_only_texts_and_numbers(tmp_path: Path, tag: str) -> None:
     (tmp_path / "c.yaml").write_text(f"a: !!{tag} ['1']\nb: !!{tag} 2\n")
     assert read_yaml(tmp_path / "c.yaml") == {"a": [1.0], "b": 2.0}

@@ -1,4 +1,4 @@
-"""Small frames in every layout, as the tools that made the layouts write them."""
+"""Small frames in every layout, in the form that the layouts' tools write."""
 
 import json
 from collections.abc import Callable
@@ -19,7 +19,7 @@ def color(index: int) -> np.ndarray:
 
 
 def depth(index: int) -> np.ndarray:
-    """Millimetres; two pixels are missing."""
+    """Depth in millimetres; two pixels are missing."""
     values = np.random.default_rng(9 + index).integers(500, 900, (HEIGHT, WIDTH)).astype(np.uint16)
     values[0, :2] = 0
     return values
@@ -75,7 +75,7 @@ def bop_scene(folder: Path) -> None:
 
 
 def bop_sensor(folder: Path) -> None:
-    """One sensor of BOP's industrial data sets; another has no depth."""
+    """Write one sensor of BOP's industrial data sets, and another one without depth."""
     for i in range(COUNT):
         name = f"{i:06d}.png"
         pair(folder / "rgb_photoneo" / name, folder / "depth_photoneo" / name, i)
@@ -201,7 +201,7 @@ def pcd(folder: Path) -> None:
 
 
 def packed_literally(data: bytes) -> bytes:
-    """LZF that copies nothing."""
+    """Return LZF data of literal bytes only."""
     runs = [data[at : at + LZF_RUN] for at in range(0, len(data), LZF_RUN)]
     return b"".join(bytes([len(run) - 1]) + run for run in runs)
 
@@ -217,7 +217,7 @@ def folders(folder: Path) -> None:
     write(folder / "intrinsics.txt", "60 61 23.5 17.5")
 
 
-# The layout's name, and what writes it.
+# The layout's name, and the function that writes it.
 LAYOUTS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "graspnet_scene": ("GraspNet scene", graspnet_scene),
     "graspnet_scene_meta": ("GraspNet scene", graspnet_scene_meta),

@@ -1,4 +1,4 @@
-"""Arrays in one `.npz`: which keys, which order of colours, and pickles refused."""
+"""Arrays in one `.npz`: their keys, the order of colours, and refused pickles."""
 
 import re
 from pathlib import Path
@@ -20,29 +20,31 @@ def refusal(folder: Path, name: str = "x.npz", **arrays: object) -> str:
     return str(caught.value)
 
 
-def test_a_cloud_without_depth_says_so(tmp_path: Path) -> None:
+def test_a_cloud_without_depth_is_refused(tmp_path: Path) -> None:
     assert "point cloud without a depth" in refusal(tmp_path, xyz=np.zeros((9, 3)))
 
 
-def test_without_a_camera_it_is_asked_for(tmp_path: Path) -> None:
+def test_a_frame_without_a_camera_is_refused_with_the_option_for_it(tmp_path: Path) -> None:
     assert "--intrinsics" in refusal(tmp_path, depth=METRES, rgb=build.color(0))
 
 
 @pytest.mark.parametrize(
     "color", [np.zeros((4, 4), np.uint8), build.color(0).astype(float), np.zeros((0, 4, 3), "u1")]
 )
-def test_colour_of_another_form_is_a_sentence(tmp_path: Path, color: np.ndarray) -> None:
+def test_colour_of_a_wrong_shape_or_type_is_reported_in_one_sentence(
+    tmp_path: Path, color: np.ndarray
+) -> None:
     assert "`rgb` is" in refusal(tmp_path, depth=METRES, K=build.K, rgb=color)
 
 
-def test_without_colour_grey_is_taken_and_said(tmp_path: Path) -> None:
+def test_missing_colour_is_replaced_by_grey_and_reported(tmp_path: Path) -> None:
     np.savez(tmp_path / "x.npz", depth=METRES, K=build.K)
     frame = find_frames(tmp_path)[0].read()
     assert (frame.color == 128).all()
     assert "grey" in frame.notes[0]
 
 
-def test_whole_numbers_are_millimetres(tmp_path: Path) -> None:
+def test_whole_numbers_are_read_as_millimetres(tmp_path: Path) -> None:
     np.savez(tmp_path / "x.npz", depth=build.depth(0), K=build.K)
     assert np.array_equal(find_frames(tmp_path)[0].read().depth, METRES)
 
@@ -62,7 +64,7 @@ def test_a_pickle_is_refused_with_the_command_that_converts_it(tmp_path: Path) -
         source.read()
 
 
-def test_of_a_pickle_and_its_arrays_the_arrays_are_read(tmp_path: Path) -> None:
+def test_arrays_next_to_a_pickle_of_the_same_name_are_read(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", {"depth": METRES}, allow_pickle=True)
     np.save(tmp_path / "b.npy", {"depth": METRES}, allow_pickle=True)
     np.savez(tmp_path / "a.npz", depth=METRES, K=build.K)
@@ -74,7 +76,7 @@ def test_pickled_members_of_an_npz_are_never_unpickled(tmp_path: Path) -> None:
     assert "pickles never" in refusal(tmp_path, depth=METRES, K=build.K, segmap=bad)
 
 
-def test_a_damaged_archive_is_named_beside_its_fellows_and_hides_no_images(tmp_path: Path) -> None:
+def test_a_damaged_archive_fails_alone_by_name_and_hides_no_images(tmp_path: Path) -> None:
     (tmp_path / "broken.npz").write_bytes(b"PK")
     with pytest.raises(FormatError, match="not a whole"):
         find_frames(tmp_path)[0].read()

@@ -1,4 +1,4 @@
-"""Damaged files of every kind: a sentence or an answer, never a traceback.
+"""Damaged files of every kind give an error sentence or a result, never a traceback.
 
 `SYMGRASP_MUTATIONS=200 pytest tests/formats/layouts/test_damaged.py` tries harder.
 """
@@ -26,7 +26,7 @@ MUTATIONS = settings(
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
-# The layout, and the file in it that is damaged.
+# The layout, and the damaged file in it.
 BINARY = [
     ("graspnet_scene", "depth/0000.png"),
     ("graspnet_scene", "rgb/0000.png"),
@@ -57,7 +57,7 @@ ODD_VALUES: list[Any] = [None, True, -1, 0, 1e308, "x", "", [], {}, [[]], {"data
 
 
 def read_everything(folder: Path) -> None:
-    """Find and read; what cannot be read must say so in a sentence."""
+    """Find and read all frames; a frame that cannot be read must raise one sentence."""
     stated = FrameOptions(CAMERA if (folder / "rgb.txt").exists() else None)
     try:
         sources = find_frames(folder, stated)
@@ -114,7 +114,7 @@ def bytes_file(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     key, name = request.param
     build.LAYOUTS[key][1](tmp_path)
     file = tmp_path / name
-    if key == "flat" and not file.exists():  # another kind of file in the place of the usual
+    if key == "flat" and not file.exists():  # another kind of file in the place of the usual one
         for other in tmp_path.glob("1_*"):
             other.unlink()
         if name.endswith(".yaml"):
@@ -128,7 +128,7 @@ def bytes_file(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     return file
 
 
-def test_the_undamaged_are_read(bytes_file: Path) -> None:
+def test_undamaged_files_are_read(bytes_file: Path) -> None:
     folder = bytes_file.parent
     folder = folder.parent if folder.name in ("depth", "rgb") else folder
     camera = CAMERA if bytes_file.name == "rgb.txt" else None
@@ -136,7 +136,7 @@ def test_the_undamaged_are_read(bytes_file: Path) -> None:
         source.read()
 
 
-def test_damaged_bytes_are_a_sentence_or_an_answer(bytes_file: Path) -> None:
+def test_damaged_bytes_give_a_sentence_or_an_answer(bytes_file: Path) -> None:
     whole = bytes_file.read_bytes()
     folder = bytes_file.parent
     folder = folder.parent if folder.name in ("depth", "rgb") else folder
@@ -151,7 +151,7 @@ def test_damaged_bytes_are_a_sentence_or_an_answer(bytes_file: Path) -> None:
 
 
 @pytest.mark.parametrize(("key", "name"), JSON, ids=map("/".join, JSON))
-def test_odd_values_in_json_are_a_sentence_or_an_answer(
+def test_odd_values_in_json_give_a_sentence_or_an_answer(
     tmp_path: Path, key: str, name: str
 ) -> None:
     build.LAYOUTS[key][1](tmp_path)
@@ -179,7 +179,7 @@ def _with_an_odd_value(content: Any, data: st.DataObject) -> Any:
     return [*content[:key], _with_an_odd_value(content[key], data), *content[key + 1 :]]
 
 
-def test_json_that_is_nested_without_end_is_a_sentence(tmp_path: Path) -> None:
+def test_json_that_is_nested_without_end_is_reported_in_one_sentence(tmp_path: Path) -> None:
     build.bop_scene(tmp_path)
     (tmp_path / "scene_camera.json").write_text("[" * 100_000)
     with pytest.raises(SymgraspError, match="not JSON"):

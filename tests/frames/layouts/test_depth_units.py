@@ -1,4 +1,4 @@
-"""The unit of the depth: what the user says, then what files say, in every layout alike."""
+"""The unit of the depth: the user's statement first, then the files', in every layout."""
 
 import json
 import shutil
@@ -42,13 +42,13 @@ def test_whole_numbers_in_arrays_have_that_unit(tmp_path: Path) -> None:
     assert_array_equal(frame.depth, build.depth(0) / np.float32(UNITS))
 
 
-def test_so_do_images_of_a_scan_that_has_both_cameras(tmp_path: Path) -> None:
+def test_images_of_a_scan_with_both_cameras_have_that_unit(tmp_path: Path) -> None:
     build.scannet(tmp_path)
     shutil.copy(tmp_path / DEPTH_CAMERA, tmp_path / COLOR_CAMERA)
     assert find_frames(tmp_path, FrameOptions(IN_FILE))[0].read().units_per_metre == UNITS
 
 
-def test_so_do_images_in_bags(tmp_path: Path) -> None:
+def test_images_in_bags_have_that_unit(tmp_path: Path) -> None:
     pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
     from tests.frames.layouts.test_rosbag import write_bag
 
@@ -56,7 +56,7 @@ def test_so_do_images_in_bags(tmp_path: Path) -> None:
     assert find_frames(tmp_path, FrameOptions(IN_FILE))[0].read().units_per_metre == UNITS
 
 
-def test_a_file_given_as_the_option_says_its_unit(tmp_path: Path) -> None:
+def test_a_camera_file_given_as_an_option_sets_the_unit(tmp_path: Path) -> None:
     build.nerfstudio(tmp_path)
     names = dict(zip(("fx", "fy", "cx", "cy"), build.FOUR, strict=True))
     (tmp_path / "l515.json").write_text(json.dumps(names | {"depth_scale": UNITS}))
@@ -73,12 +73,12 @@ def test_a_file_given_as_the_option_says_its_unit(tmp_path: Path) -> None:
         (FrameOptions(), DepthUnits(7.0, 1.0)),
     ],
 )
-def test_what_is_stated_wins_over_what_is_written(
+def test_a_stated_unit_wins_over_the_unit_in_a_file(
     options: FrameOptions, expected: DepthUnits
 ) -> None:
     assert options.depth_units(7.0, 5.0) == expected
 
 
-def test_without_a_word_the_layouts_unit_is_taken() -> None:
+def test_without_a_stated_unit_the_layouts_unit_is_taken() -> None:
     assert FrameOptions().depth_units(usual=5.0).integers == 5.0
     assert FrameOptions().depth_units() == DepthUnits()

@@ -1,4 +1,4 @@
-"""transforms.json: cameras of their own, other lenses, names."""
+"""transforms.json: cameras of single frames, other lenses, names."""
 
 import json
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from tests.frames.layouts import build
 
 @pytest.fixture
 def edit(tmp_path: Path) -> Callable[[Callable[[dict[str, Any]], None]], Path]:
-    """Change transforms.json of two frames; returns their folder."""
+    """Change transforms.json of two frames; return their folder."""
 
     def change(how: Callable[[dict[str, Any]], None]) -> Path:
         build.nerfstudio(tmp_path)
@@ -48,7 +48,7 @@ def test_frames_without_depth_are_left_out(edit) -> None:
     assert [source.name for source in find_frames(folder)] == ["1"]
 
 
-def test_images_of_one_name_have_names_of_their_own_below_the_folder(edit) -> None:
+def test_images_of_the_same_name_are_distinguished_by_their_folder(edit) -> None:
     def elsewhere(content: dict[str, Any]) -> None:
         content["frames"][0]["file_path"] = "../../left/1.png"
 

@@ -1,4 +1,4 @@
-"""Organised clouds: the camera from the points, and clouds that no camera sees."""
+"""Organised clouds: the camera from the points, and clouds that fit no camera."""
 
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from tests.frames.layouts import build
 @given(
     st.floats(40, 400), st.floats(40, 400), st.floats(5, 40), st.floats(5, 30), st.integers(0, 99)
 )
-def test_the_camera_follows_from_its_points(
+def test_the_camera_is_computed_from_the_points(
     fx: float, fy: float, cx: float, cy: float, seed: int
 ) -> None:
     rng = np.random.default_rng(seed)
@@ -66,7 +66,7 @@ def test_a_cloud_that_claims_more_than_memory_is_refused(tmp_path: Path) -> None
     assert "99999999x99999999" in refusal(tmp_path / "x.pcd")
 
 
-def test_without_colour_grey_is_taken_and_said(tmp_path: Path) -> None:
+def test_missing_colour_is_replaced_by_grey_and_reported(tmp_path: Path) -> None:
     write(tmp_path / "x.pcd", build.cloud(0), FIELDS="x y z curvature")
     assert "grey" in find_frames(tmp_path)[0].read().notes[0]
 

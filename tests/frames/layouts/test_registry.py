@@ -1,4 +1,4 @@
-"""Every layout is told apart, and gives the same frames as the flat folder does."""
+"""Every layout is recognised, and gives the same frames as the flat folder."""
 
 import subprocess
 import sys
@@ -58,21 +58,21 @@ def test_names_are_relative_to_the_folder_given(tmp_path: Path) -> None:
     assert names == ["000001/000000", "000001/000001", "000002/000000", "000002/000001"]
 
 
-def test_the_frames_of_each_bop_sensor_lie_below_its_name(tmp_path: Path) -> None:
+def test_the_frames_of_each_bop_sensor_are_named_below_its_name(tmp_path: Path) -> None:
     build.bop_scene(tmp_path)
     build.bop_sensor(tmp_path)
     names = [source.name for source in find_frames(tmp_path)]
     assert names == ["000000", "000001", "photoneo/000000", "photoneo/000001"]
 
 
-def test_one_file_is_the_frame_it_belongs_to(tmp_path: Path) -> None:
+def test_one_file_given_alone_is_read_as_its_frame(tmp_path: Path) -> None:
     (tmp_path / "b").mkdir()
     build.contact_graspnet(tmp_path / "b")
     (source,) = find_frames(tmp_path / "b/1.npz")
     assert source.name == "1"
 
 
-def test_an_image_in_a_sister_folder_is_its_frame(tmp_path: Path) -> None:
+def test_an_image_in_a_sister_folder_is_read_as_its_frame(tmp_path: Path) -> None:
     build.recorder(tmp_path)
     (source,) = find_frames(tmp_path / "depth/000001.png")
     assert source.name == "000001"
@@ -93,7 +93,7 @@ def test_a_bag_hides_no_images_that_were_taken_out_of_it(tmp_path: Path) -> None
 
 @pytest.fixture(scope="module")
 def laid_out(shared: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two real frames in the layouts of people's own tools."""
+    """Two real frames in the layouts that other tools write."""
     pytest.importorskip("PIL")
     folder = tmp_path_factory.mktemp("layouts")
     frames = [str(shared / "frames/ucn_realsense" / name) for name in REAL]
@@ -136,7 +136,7 @@ def test_colourised_depth_is_refused(laid_out: Path) -> None:
         source.read()
 
 
-NATIVE = {  # of each real folder, what it is read as, or the sentence that refuses it
+NATIVE = {  # of each real folder, the layout it is read as, or the sentence that refuses it
     "6dofgraspnet_realsense": "pickled dictionary.*convert-frames",
     "arc_sr300": r"--depth-units-per-metre: they would be .*0\.53.* m under 10000",
     "gqcnn_phoxi": None,
@@ -162,7 +162,7 @@ def test_native_files_are_read_or_refused_with_a_sentence(shared: Path, folder: 
         find_frames(native)[0].read()
 
 
-def test_a_native_cloud_is_the_converted_frame(shared: Path) -> None:
+def test_a_native_cloud_gives_the_converted_frame(shared: Path) -> None:
     (source,) = find_frames(shared / "frames/mosd/native")
     cloud = source.read()
     flat = {s.name: s for s in find_frames(shared / "frames/mosd")}["learn40"].read()

@@ -45,12 +45,12 @@ def write_bag(
     packed: Packed | None = None,
     lens: tuple[float, ...] = (0.0,) * 5,
 ) -> None:
-    """Write COUNT frames of the camera of `topics`, and of `more` cameras, which hang upside down.
+    """Write COUNT frames of the camera of `topics`, and of `more` cameras that are upside down.
 
-    The depth is taken `delay` seconds after the colour; `recorded` tells when an image of these
-    seconds is recorded, in nanoseconds. `packed`: the format of the colour's or the depth's
-    CompressedImage, and what makes its bytes. `lens`: the distortion in the CameraInfo, whose
-    projection matrix has other lengths then.
+    The depth is taken `delay` seconds after the colour; `recorded` maps an image's seconds to
+    its time of recording, in nanoseconds. `packed`: the format of the colour's or the depth's
+    CompressedImage, and the function that makes its bytes. `lens`: the distortion in the
+    CameraInfo, whose projection matrix then has other focal lengths.
     """
     packed = packed or {}
     kinds = KINDS | dict.fromkeys(packed, COMPRESSED)
@@ -136,19 +136,19 @@ def test_every_encoding_gives_the_same_frames(
         assert frame.notes == ()
 
 
-def test_one_bag_may_be_given(tmp_path: Path) -> None:
+def test_a_single_bag_may_be_given(tmp_path: Path) -> None:
     write_bag(tmp_path / "a.bag", ros=1)
     write_bag(tmp_path / "b.bag", ros=1)
     assert len(find_frames(tmp_path / "b.bag")) == build.COUNT
 
 
-def test_depth_that_is_not_called_aligned_is_mentioned(tmp_path: Path) -> None:
+def test_depth_whose_topic_is_not_called_aligned_gives_a_warning(tmp_path: Path) -> None:
     depth = {"depth": "/camera/depth/image_rect_raw", "info": "/camera/depth/camera_info"}
     write_bag(tmp_path / "a", topics=TOPICS | depth)
     assert "not called aligned" in find_frames(tmp_path)[0].read().notes[0]
 
 
-def test_without_a_camera_it_is_asked_for(tmp_path: Path) -> None:
+def test_a_bag_without_a_camera_is_refused_with_the_option_for_it(tmp_path: Path) -> None:
     write_bag(tmp_path / "a", topics={key: TOPICS[key] for key in ("color", "depth")})
     with pytest.raises(FormatError, match="--intrinsics"):
         find_frames(tmp_path)[0].read()
@@ -164,7 +164,7 @@ def test_without_a_camera_it_is_asked_for(tmp_path: Path) -> None:
         ({"delay": 5.0}, "of one time"),
     ],
 )
-def test_what_makes_no_frames_is_a_sentence(
+def test_bags_without_frames_are_reported_in_one_sentence(
     tmp_path: Path, how: dict[str, Any], sentence: str
 ) -> None:
     write_bag(tmp_path / "a", **how)
@@ -173,7 +173,7 @@ def test_what_makes_no_frames_is_a_sentence(
 
 
 @pytest.mark.parametrize("ros", [1, 2])
-def test_damaged_bags_are_a_sentence_or_frames(tmp_path: Path, ros: int) -> None:
+def test_damaged_bags_give_a_sentence_or_frames(tmp_path: Path, ros: int) -> None:
     write_bag(tmp_path / ("a.bag" if ros == 1 else "a"), ros=ros)
     files = [tmp_path / "a.bag"] if ros == 1 else sorted((tmp_path / "a").iterdir())
     whole = {file: file.read_bytes() for file in files}
@@ -189,7 +189,7 @@ def test_damaged_bags_are_a_sentence_or_frames(tmp_path: Path, ros: int) -> None
     try_one()
 
 
-def test_a_real_bag_is_the_flat_folder(shared: Path, tmp_path: Path) -> None:
+def test_a_real_bag_gives_the_frames_of_the_flat_folder(shared: Path, tmp_path: Path) -> None:
     pytest.importorskip("PIL")
     import subprocess
     import sys
@@ -205,7 +205,7 @@ def test_a_real_bag_is_the_flat_folder(shared: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".mcap", ".db3"])
-def test_a_pipe_in_the_place_of_a_part_is_refused_and_not_waited_for(tmp_path, suffix):
+def test_a_pipe_in_the_place_of_a_part_is_refused_without_waiting(tmp_path, suffix):
     write_bag(tmp_path / "bag")
     (part,) = (tmp_path / "bag").glob("*.db3")
     metadata = tmp_path / "bag" / "metadata.yaml"
@@ -219,7 +219,7 @@ def test_a_pipe_in_the_place_of_a_part_is_refused_and_not_waited_for(tmp_path, s
         pass
 
 
-def test_a_bag_that_names_files_of_others_is_refused(tmp_path):
+def test_a_bag_that_names_files_outside_its_folder_is_refused(tmp_path):
     write_bag(tmp_path / "bag")
     metadata = tmp_path / "bag" / "metadata.yaml"
     (part,) = (tmp_path / "bag").glob("*.db3")

@@ -31,7 +31,7 @@ def is_frame(color: np.ndarray, depth: np.ndarray, index: int) -> None:
 
 
 @pytest.mark.parametrize("ros", [1, 2])
-def test_images_recorded_at_one_time_are_each_a_frame(tmp_path: Path, ros: int) -> None:
+def test_images_recorded_at_the_same_time_give_one_frame_each(tmp_path: Path, ros: int) -> None:
     bag = tmp_path / ("a.bag" if ros == 1 else "a")
     write_bag(bag, ros=ros, recorded=lambda _seconds: 5 * 10**9)
     sources = find_frames(tmp_path)
@@ -44,16 +44,16 @@ def test_images_recorded_at_one_time_are_each_a_frame(tmp_path: Path, ros: int) 
         is_frame(frame.color, frame.depth, i)
 
 
-def test_where_times_of_recording_differ_they_are_the_names(tmp_path: Path) -> None:
+def test_frames_are_named_by_their_times_of_recording_where_these_differ(tmp_path: Path) -> None:
     write_bag(tmp_path / "a")
     names = [source.name for source in find_frames(tmp_path)]
     assert names == ["a/00000001000000000500", "a/00000001000033333833"]
 
 
-def test_no_two_images_have_one_name() -> None:
+def test_all_images_have_different_names() -> None:
     one = Recorded(5, 7, 0)
     assert frame_stems([one]) == ["00000000000000000005"]
-    # The second's header tells the time at which the third was recorded.
+    # The second header states the time at which the third image was recorded.
     stems = frame_stems([one, Recorded(5, 9, 0), Recorded(9, 1, 0), Recorded(5, 7, 1)])
     assert len(set(stems)) == len(stems)
     assert stems[2] == "00000000000000000009"
@@ -71,7 +71,7 @@ def test_every_camera_of_a_bag_is_read_below_its_own_name(tmp_path: Path) -> Non
         assert frame.notes == ()
 
 
-def test_a_camera_without_frames_fails_beside_one_that_has_some(tmp_path: Path) -> None:
+def test_a_camera_without_frames_fails_alone(tmp_path: Path) -> None:
     right = {kind: topic for kind, topic in below("right").items() if kind != "info"}
     write_bag(tmp_path / "a", topics=below("left"), more=(right,))
     left, right_one = find_frames(tmp_path)[:: build.COUNT]
@@ -90,7 +90,7 @@ def test_azure_kinects_aligned_depth_is_known(tmp_path: Path) -> None:
     assert frame.notes == ()
 
 
-def test_a_camera_whose_depth_is_not_aligned_is_mentioned(tmp_path: Path) -> None:
+def test_a_camera_whose_depth_is_not_aligned_gives_a_warning(tmp_path: Path) -> None:
     raw = below("right") | {"depth": "/right/depth/image_rect_raw"}
     write_bag(tmp_path / "a", topics=below("left"), more=(raw,))
     sources = find_frames(tmp_path)
@@ -99,7 +99,7 @@ def test_a_camera_whose_depth_is_not_aligned_is_mentioned(tmp_path: Path) -> Non
     assert note == "/right/depth/image_rect_raw is passed over: it is not called aligned"
 
 
-def test_a_camera_that_no_topic_tells_from_another_is_mentioned(tmp_path: Path) -> None:
+def test_a_camera_whose_topics_do_not_identify_it_gives_a_warning(tmp_path: Path) -> None:
     one, other = (
         {kind: f"/{kind}_aligned_{side}" for kind in ("color", "depth")} for side in ("l", "r")
     )
@@ -119,7 +119,7 @@ def test_a_camera_that_no_topic_tells_from_another_is_mentioned(tmp_path: Path) 
          [("/b/color", "/b/aligned_depth")]),
     ],
 )  # fmt: skip
-def test_topics_of_one_camera_begin_alike(
+def test_topics_of_one_camera_share_their_first_words(
     colors: list[str], depths: list[str], expected: list[tuple[str, str]]
 ) -> None:
     assert _cameras(colors, depths) == [Topics(*each) for each in expected]

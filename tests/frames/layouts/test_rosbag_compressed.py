@@ -1,4 +1,4 @@
-"""Bags of compressed images, lone files of ROS 2, and lenses in CameraInfo."""
+"""Bags of compressed images, single files of ROS 2, and lenses in CameraInfo."""
 
 import shutil
 import sqlite3
@@ -86,14 +86,14 @@ def test_compressed_depth_of_floats_is_inverse(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("how", ["jpeg", "16UC1; jpeg compressed ", "mono8; jpeg compressed "])
-def test_depth_of_eight_bits_is_refused_by_name(tmp_path: Path, how: str) -> None:
+def test_depth_of_eight_bits_is_refused_with_its_format(tmp_path: Path, how: str) -> None:
     topics = TOPICS | {"depth": TOPICS["depth"] + "/compressed"}
     write_bag(tmp_path / "a", topics=topics, packed={"depth": (how, jpeg)})
     with pytest.raises(FormatError, match=r"aligned_depth_to_color.*8 bits.*compressedDepth"):
         find_frames(tmp_path)[0].read()
 
 
-def test_depth_of_another_compression_is_named(tmp_path: Path) -> None:
+def test_depth_of_an_unknown_compression_is_refused_with_its_format(tmp_path: Path) -> None:
     how = {"depth": ("16UC1; compressedDepth rvl", compressed_depth)}
     write_bag(tmp_path / "a", topics=TOPICS | {"depth": DEPTH_TOPIC}, packed=how)
     with pytest.raises(FormatError, match="rvl"):
@@ -101,7 +101,7 @@ def test_depth_of_another_compression_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", ["mcap", "db3"])
-def test_a_lone_file_of_a_bag_is_read_by_itself(tmp_path: Path, suffix: str) -> None:
+def test_a_single_file_of_a_bag_is_read(tmp_path: Path, suffix: str) -> None:
     from rosbags.rosbag2 import StoragePlugin, Writer
 
     plugin = {"mcap": StoragePlugin.MCAP, "db3": StoragePlugin.SQLITE3}[suffix]
@@ -117,7 +117,7 @@ def test_a_lone_file_of_a_bag_is_read_by_itself(tmp_path: Path, suffix: str) -> 
     assert len(find_frames(Path(file))) == build.COUNT
 
 
-def test_another_programs_database_is_no_bag(tmp_path: Path) -> None:
+def test_a_database_of_another_program_is_refused_as_bag(tmp_path: Path) -> None:
     build.flat(tmp_path / "below")
     (tmp_path / "thumbs.db3").write_bytes(b"anything")
     assert {source.layout for source in find_frames(tmp_path)} == {"flat pairs"}
@@ -133,7 +133,7 @@ def test_the_lens_of_a_camera_info_is_removed(tmp_path: Path) -> None:
     assert frame.intrinsics.fx == build.FOUR[0]
 
 
-def test_rectified_images_have_the_projection_matrix_and_no_lens(tmp_path: Path) -> None:
+def test_rectified_images_take_the_projection_matrix_and_no_lens(tmp_path: Path) -> None:
     topics = TOPICS | {
         "depth": "/camera/depth_registered/image_rect",
         "info": "/camera/depth_registered/camera_info",
@@ -156,7 +156,7 @@ def test_the_shared_bags_are_read(case: str, count: int) -> None:
     assert (round(float(near), 3), round(float(far), 3)) == (0.267, 0.585)
 
 
-def test_a_time_that_is_a_text_is_one_sentence(tmp_path: Path) -> None:
+def test_a_time_that_is_a_text_is_reported_in_one_sentence(tmp_path: Path) -> None:
     write_bag(tmp_path / "a")
     (base,) = (tmp_path / "a").glob("*.db3")
     with closing(sqlite3.connect(base)) as opened:

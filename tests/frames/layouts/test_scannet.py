@@ -1,4 +1,4 @@
-"""ScanNet: colour of another size through its own camera."""
+"""ScanNet: colour of another size, mapped through the colour camera."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ SCALE = 2.025  # 1296 / 640
 
 
 def smooth(width: int, height: int, fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
-    """What a camera sees of a wall whose colour changes with direction."""
+    """Return a camera's image of a wall whose colour changes with direction."""
     x, y, _one = np.moveaxis(Intrinsics(fx, fy, cx, cy, width, height).rays(), 2, 0)
     return (120 + 100 * np.stack([x, y, x * y], 2)).astype(np.uint8)
 
@@ -38,19 +38,19 @@ def test_colour_of_another_size_is_looked_up_through_both_cameras(folder: Path) 
     frame = find_frames(folder)[0].read()
     expected = smooth(build.WIDTH, build.HEIGHT, *build.FOUR)
     assert frame.color.shape == expected.shape
-    inside = (slice(0, -1), slice(0, -1))  # the last pixels may lie at the border of the colour
+    inside = (slice(0, -1), slice(0, -1))  # colour may end at the last pixels
     assert np.abs(frame.color[inside].astype(int) - expected[inside]).max() <= 2
     assert "98x73 is sampled" in frame.notes[0]
     assert frame.intrinsics.fx == build.FOUR[0]
 
 
-def test_without_its_camera_it_is_refused(folder: Path) -> None:
+def test_colour_without_its_camera_is_refused(folder: Path) -> None:
     (folder / "intrinsic/intrinsic_color.txt").unlink()
     with pytest.raises(FormatError, match="colour is 98x73, depth is 48x36"):
         find_frames(folder)[0].read()
 
 
-def test_a_camera_that_looks_elsewhere_sees_black() -> None:
+def test_pixels_outside_the_colour_camera_are_black() -> None:
     color = np.full((36, 48, 3), 200, np.uint8)
     far = CameraFile(60.0, 60.0, 500.0, 500.0)
     assert not seen_by(color, far, Intrinsics(*build.FOUR, 48, 36)).any()

@@ -18,7 +18,7 @@ def at(*times: float) -> list[tuple[float, Path]]:
     return [(time, Path(f"{time}")) for time in times]
 
 
-def test_images_are_paired_with_the_nearest_in_time_and_once() -> None:
+def test_each_image_is_paired_once_with_the_nearest_in_time() -> None:
     pairs = associate(at(1.0, 1.015, 2.0), at(1.01, 1.04, 2.03))
     assert [(str(color), str(depth)) for color, depth in pairs] == [("1.015", "1.01")]
     assert associate(at(1.0), []) == []
@@ -30,7 +30,7 @@ def test_many_images_are_paired_in_order() -> None:
     assert [color for color, _depth in pairs] == [Path(f"{time}") for time in times]
 
 
-def test_an_association_file_wins_in_either_order(tmp_path: Path) -> None:
+def test_an_association_file_decides_on_pairs_in_either_order(tmp_path: Path) -> None:
     build.tum(tmp_path)
     colors, depths = (sorted((tmp_path / name).iterdir()) for name in ("rgb", "depth"))
     lines = [f"1.0 depth/{depths[1].name} 1.0 rgb/{colors[0].name}"]
@@ -39,7 +39,7 @@ def test_an_association_file_wins_in_either_order(tmp_path: Path) -> None:
     assert source.files == (colors[0], depths[1])
 
 
-def test_the_folders_name_says_the_published_calibration(tmp_path: Path) -> None:
+def test_the_folders_name_selects_the_published_calibration(tmp_path: Path) -> None:
     folder = tmp_path / "rgbd_dataset_freiburg3_desk"
     folder.mkdir()
     build.tum(folder)
@@ -47,7 +47,7 @@ def test_the_folders_name_says_the_published_calibration(tmp_path: Path) -> None
         find_frames(folder)[0].read()
 
 
-def test_the_nearest_folders_name_says_the_calibration(tmp_path: Path) -> None:
+def test_the_nearest_folders_name_selects_the_calibration(tmp_path: Path) -> None:
     folder = tmp_path / "freiburg1/rgbd_dataset_freiburg3_desk"
     folder.mkdir(parents=True)
     build.tum(folder)
@@ -55,14 +55,14 @@ def test_the_nearest_folders_name_says_the_calibration(tmp_path: Path) -> None:
         find_frames(folder)[0].read()
 
 
-def test_without_a_camera_it_is_asked_for(tmp_path: Path) -> None:
+def test_a_sequence_without_a_camera_is_refused_with_the_option_for_it(tmp_path: Path) -> None:
     build.tum(tmp_path)
     with pytest.raises(FormatError, match="--intrinsics"):
         find_frames(tmp_path)[0].read()
 
 
 @pytest.mark.parametrize("line", ["1.0", "yesterday rgb/1.png", "1.0 a b c d"])
-def test_a_broken_index_is_one_sentence_and_stops_no_other_folder(
+def test_a_broken_index_is_reported_in_one_sentence_and_stops_no_other_folder(
     tmp_path: Path, line: str
 ) -> None:
     for name in ("a", "b"):

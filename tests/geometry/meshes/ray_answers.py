@@ -1,4 +1,4 @@
-"""Figures that rest on rays: of a view, crossings, windings, contacts, collision and labels."""
+"""Figures computed with rays: a view, crossings, windings, contacts, collision and labels."""
 
 import json
 import sys
@@ -51,5 +51,5 @@ def answers() -> dict[str, float]:
 
 
 def main() -> None:
-    """Print them, and whether Embree was there, as JSON."""
+    """Print the figures, and whether Embree was used, as JSON."""
     sys.stdout.write(json.dumps(answers() | {"embree": has_embree()}))

@@ -18,7 +18,7 @@ def tray() -> Mesh:
     return Mesh(np.asarray(made.vertices), np.asarray(made.faces))
 
 
-def test_pieces_fill_the_mesh_and_not_its_hollow():
+def test_pieces_fill_the_walls_and_not_the_hollow():
     mesh = tray()
     pieces = convex_decomposition.decomposed(mesh, SETTINGS)
     volumes = [trimesh.convex.convex_hull(corners).volume for corners in pieces]

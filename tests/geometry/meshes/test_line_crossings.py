@@ -45,7 +45,7 @@ def test_no_lines_and_no_crossings_are_empty() -> None:
 
 
 def grazes(triangles: np.ndarray, start: np.ndarray, along: np.ndarray) -> bool:
-    """Whether a line passes an edge closely enough for single precision to see it either way."""
+    """Return whether a line passes an edge too closely for single precision to decide."""
     first, second = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     sides = np.stack([first, second, np.broadcast_to(-along, first.shape)], -1)
     u, v, _ = np.linalg.solve(sides, (start - triangles[:, 0])[..., None])[..., 0].T
@@ -53,9 +53,9 @@ def grazes(triangles: np.ndarray, start: np.ndarray, along: np.ndarray) -> bool:
 
 
 @given(st.integers(0, 2**32 - 1))
-@example(206770)  # one of its lines passes an edge at 1e-7 of the triangle
+@example(206770)  # one of its lines passes an edge at 1e-7 of the triangle's size
 @settings(max_examples=20, deadline=None)
-def test_lines_through_a_soup_cross_it_as_each_triangle_says(seed: int) -> None:
+def test_crossings_of_a_triangle_soup_are_those_of_its_triangles_one_by_one(seed: int) -> None:
     rng = np.random.default_rng(seed)
     triangles = rng.normal(size=(30, 1, 3)) * 0.05 + rng.normal(size=(30, 3, 3)) * 0.05
     mesh = Mesh(triangles.reshape(-1, 3), np.arange(90).reshape(-1, 3))

@@ -51,7 +51,7 @@ def test_moving_a_mesh_keeps_its_measures(seed):
     assert_allclose(moved.face_normals, BOX.face_normals @ T[:3, :3].T, atol=1e-12)
 
 
-def test_a_missing_or_a_turned_triangle_leaks():
+def test_a_mesh_with_a_missing_or_turned_triangle_is_not_watertight():
     assert BOX.is_watertight
     assert not BOX.submesh(np.arange(1, len(BOX.faces))).is_watertight
     faces = BOX.faces.copy()
@@ -103,6 +103,6 @@ def test_the_same_generator_draws_the_same_samples():
         (np.zeros((3, 3)), [[0, 1, -1]], "beyond the vertices"),
     ],
 )
-def test_what_is_no_mesh_is_refused(vertices, faces, complaint):
+def test_wrong_vertices_and_faces_are_refused(vertices, faces, complaint):
     with pytest.raises(ValueRangeError, match=complaint):
         Mesh(vertices, faces)

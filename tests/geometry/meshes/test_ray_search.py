@@ -1,4 +1,4 @@
-"""Rays by Embree and by the tree of our own: the same answers, of views, labels and metrics too."""
+"""Rays by Embree and by our own tree give the same answers, views, labels and metrics."""
 
 import json
 import os
@@ -25,19 +25,19 @@ SHAPES = {
     "ring": trimesh.creation.torus(0.1, 0.02),
     "can": trimesh.creation.cylinder(0.05, 0.2),
 }
-NEAR_EDGES = 1e-3  # the share of rays that single precision may answer otherwise
+NEAR_EDGES = 1e-3  # the share of rays that may differ in single precision
 SEARCHES = [EmbreeSearch, TreeSearch] if ray_search.has_embree() else [TreeSearch]
 
 
 def rays(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Rays from all around toward the origin's surroundings."""
+    """Rays from all sides toward the surroundings of the origin."""
     rng = np.random.default_rng(seed)
     start = 0.5 * unit(rng.normal(size=(count, 3)))
     return start, unit(rng.normal(0.0, 0.07, (count, 3)) - start)
 
 
 def naive(triangles: np.ndarray, start: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """Distance (r,) of the first of `triangles` (t, 3, 3), each tried: inf if none is hit."""
+    """Distance (r,) to the first hit among all `triangles` (t, 3, 3); inf without a hit."""
     a, b, c = triangles.swapaxes(0, 1)
     distance = np.full(len(start), np.inf)
     for r in range(len(start)):
@@ -69,8 +69,8 @@ def test_the_tree_answers_as_embree_does(name):
 def test_the_tree_answers_as_trying_every_triangle_does(seed, count):
     rng = np.random.default_rng(seed)
     triangles = rng.normal(0.0, 0.1, (count, 1, 3)) + rng.normal(0.0, 0.05, (count, 3, 3))
-    triangles[::7] = triangles[0]  # of equal ones any may be met
-    triangles[3::9, 1] = triangles[3::9, 0]  # without an area
+    triangles[::7] = triangles[0]  # any of equally near triangles may be hit
+    triangles[3::9, 1] = triangles[3::9, 0]  # a triangle without area
     start, along = rays(50, seed)
     found, distance = TreeSearch(triangles).first(start, along)
     assert_allclose(distance, naive(triangles, start, along), rtol=1e-9)
@@ -91,16 +91,16 @@ def test_rays_along_axes_and_through_edges_meet_a_box(search):
 
 
 def answers(*code: str) -> dict:
-    """What `ray_answers` says in a process of its own."""
+    """Return the figures of `ray_answers` from a separate process."""
     lines = "; ".join((*code, "from tests.geometry.meshes import ray_answers as r", "r.main()"))
-    said = subprocess.run(
+    printed = subprocess.run(
         [sys.executable, "-c", lines],
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
         check=True,
     ).stdout
-    return json.loads(said)
+    return json.loads(printed)
 
 
 @pytest.mark.skipif(not ray_search.has_embree(), reason="there is no Embree to compare with")

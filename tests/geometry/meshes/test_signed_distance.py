@@ -54,12 +54,12 @@ def test_a_tube_is_open_inside():
     beyond = np.stack([np.abs(radius - 0.03) - 0.01, height - 0.025], -1)
     exact = np.linalg.norm(np.maximum(beyond, 0.0), axis=-1) + np.minimum(beyond.max(-1), 0.0)
     near = np.abs(exact) < (NARROW_BAND - 0.5) * grid.spacing
-    assert np.abs(grid.values - exact)[near].max() < 1e-4  # the facets of 64 sections
+    assert np.abs(grid.values - exact)[near].max() < 1e-4  # error of a polygon of 64 sides
     assert np.abs(grid.values - exact).max() < grid.spacing
     assert ((grid.values < 0) == (exact < 0))[np.abs(exact) > 1e-4].all()
 
 
-def test_it_survives_its_file(box, tmp_path):
+def test_a_grid_survives_being_written_and_read(box, tmp_path):
     write_sdf(tmp_path / "textured.sdf", box)
     assert_allclose(read_sdf(tmp_path / "textured.sdf").values, box.values, rtol=1e-5, atol=1e-9)
 
@@ -73,11 +73,11 @@ def test_closest_points_agree_with_trimesh(seed):
     assert_allclose(closest_points(triangles, points), expected, atol=1e-9)
 
 
-def test_a_turned_box_is_right_to_a_ten_thousandth_of_the_spacing_near_its_surface(tmp_path):
+def test_distances_near_a_turned_box_are_exact_to_a_ten_thousandth_of_the_spacing(tmp_path):
     turn = trimesh.transformations.euler_matrix(0.3, 0.5, 0.7)
     grid = signed_distance_grid(mesh_of(trimesh.creation.box(SIZE).apply_transform(turn)))
     write_sdf(tmp_path / "textured.sdf", grid)
-    read = read_sdf(tmp_path / "textured.sdf")  # with six digits
+    read = read_sdf(tmp_path / "textured.sdf")  # its file has six digits
     beyond = np.abs(places(grid) @ turn[:3, :3]) - SIZE / 2
     exact = np.linalg.norm(np.maximum(beyond, 0.0), axis=-1) + np.minimum(beyond.max(-1), 0.0)
     near = np.abs(exact) < NARROW_BAND * grid.spacing
@@ -85,7 +85,7 @@ def test_a_turned_box_is_right_to_a_ten_thousandth_of_the_spacing_near_its_surfa
     assert ((read.values < 0) == (exact < 0))[np.abs(exact) > 1e-4 * grid.spacing].all()
 
 
-def test_a_ball_is_right_up_to_its_facets():
+def test_distances_to_a_ball_are_exact_up_to_its_facets():
     ball = trimesh.creation.icosphere(4, 0.03)
     grid = signed_distance_grid(mesh_of(ball), nodes=40)
     exact = np.linalg.norm(places(grid), axis=-1) - 0.03
@@ -112,7 +112,7 @@ def test_triangles_of_no_area_change_nothing(box, corners):
     assert_allclose(signed_distance_grid(more, nodes=40).values, box.values, atol=1e-12)
 
 
-def test_two_overlapping_copies_of_a_mesh_end():
+def test_the_search_ends_for_two_coincident_copies_of_a_mesh():
     # Coincident triangles: the search for the next surface must get past both.
     ball = mesh_of(trimesh.creation.icosphere(3, 0.03))
     twice = Mesh(np.tile(ball.vertices, (2, 1)), np.concatenate([ball.faces, ball.faces + 642]))

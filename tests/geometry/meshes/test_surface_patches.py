@@ -27,7 +27,7 @@ SHAPES = {
 
 
 @pytest.mark.parametrize("mesh", SHAPES.values(), ids=SHAPES)
-def test_every_point_of_the_surface_is_in_a_patch_that_has_its_triangle(mesh: Mesh) -> None:
+def test_every_point_of_the_surface_is_in_a_patch_that_lists_its_triangle(mesh: Mesh) -> None:
     patches = SurfacePatches.from_mesh(mesh)
     points, _, triangle = sample_surface(mesh, 300, np.random.default_rng(0))
     for point, index in zip(points, triangle, strict=True):
@@ -65,7 +65,7 @@ def test_joined_patches_keep_their_triangles() -> None:
 
 @given(seeds)
 @settings(max_examples=30, deadline=None)
-def test_triangles_meet_boxes_as_clipping_them_says(seed: int) -> None:
+def test_overlaps_of_triangles_and_boxes_agree_with_clipping(seed: int) -> None:
     rng = np.random.default_rng(seed)
     triangles = rng.normal(size=(60, 1, 3)) + rng.normal(size=(60, 3, 3)) * rng.uniform(0.1, 2)
     low = rng.uniform(-1.5, 0.0, (60, 3))
@@ -74,7 +74,7 @@ def test_triangles_meet_boxes_as_clipping_them_says(seed: int) -> None:
     assert meet_boxes(triangles, low, high).tolist() == expected
 
 
-def test_touching_from_outside_is_not_meeting() -> None:
+def test_touching_from_outside_is_no_overlap() -> None:
     face = np.array([[[1.0, 0, 0], [1, 1, 0], [1, 0, 1]], [[0.5, 0, 0], [0.5, 1, 0], [0.5, 0, 1]]])
     low, high = np.zeros((2, 3)), np.ones((2, 3))
     assert meet_boxes(face, low, high).tolist() == [False, True]

@@ -35,7 +35,7 @@ def test_exactly_the_turned_triangles_look_inward_where_a_mesh_has_holes(
     np.testing.assert_array_equal(looks_inward(flipped(scan, which)), which)
 
 
-def test_each_part_of_a_mesh_is_turned_by_what_it_sees_itself():
+def test_each_part_of_a_mesh_is_turned_by_its_own_rays():
     parts = [SOLIDS["box"], replace(SOLIDS["ball"], vertices=SOLIDS["ball"].vertices + 0.2)]
     first, second = len(parts[0].faces), len(parts[1].faces)
     mixed = Mesh.concatenate([parts[0], flipped(parts[1], True)])
@@ -49,7 +49,7 @@ def test_the_wall_of_a_closed_hollow_looks_into_it():
     assert looks_inward(flipped(shell, True)).all()  # it follows the outer wall
 
 
-def test_a_single_leaf_is_left_as_it_is():
+def test_a_single_sheet_is_not_turned():
     square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     leaf = Mesh(square, [[0, 1, 2], [0, 2, 3]])
     for sheet in (leaf, flipped(leaf, True)):
@@ -57,7 +57,7 @@ def test_a_single_leaf_is_left_as_it_is():
     assert looks_inward(flipped(leaf, [True, False])).sum() == 1  # its halves agree at least
 
 
-def test_a_strip_with_one_side_ends():
+def test_a_moebius_strip_does_not_loop_forever():
     around = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     half = np.stack([np.cos(around / 2) * np.cos(around), np.cos(around / 2) * np.sin(around),
                      np.sin(around / 2)], 1)  # fmt: skip
@@ -71,7 +71,7 @@ def test_a_strip_with_one_side_ends():
     assert looks_inward(Mesh(vertices, faces)).shape == (48,)
 
 
-def test_a_folded_triangle_here_and_there_is_not_worth_a_word():
+def test_a_few_folded_triangles_give_no_warning():
     sphere = SOLIDS["ball"]
     smallest = np.argmin(sphere.face_areas)
     folded = flipped(sphere, np.arange(len(sphere.faces)) == smallest)
@@ -79,7 +79,7 @@ def test_a_folded_triangle_here_and_there_is_not_worth_a_word():
     assert (mesh is folded, note) == (True, "")
 
 
-def test_what_is_turned_is_said():
+def test_turned_triangles_are_reported():
     sphere = SOLIDS["ball"]
     mesh, note = turned_outward(flipped(sphere, True))
     np.testing.assert_array_equal(np.sort(mesh.faces, axis=1), np.sort(sphere.faces, axis=1))

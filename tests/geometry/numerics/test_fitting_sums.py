@@ -1,4 +1,4 @@
-"""Sums of the compiled loops of a fit against plain arrays."""
+"""Sums by the compiled loops of a fit, against numpy arrays."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def sides_of(directions):
 
 
 def sums_of(residual, rows, weight):
-    """What is known of one candidate by residuals (n,), derivatives (n, 4), weights (n,)."""
+    """Return the sums of one candidate from residuals (n,), derivatives (n, 4), weights (n,)."""
     return (weight[:, None] * rows).T @ rows, (weight * residual) @ rows, weight.sum()
 
 
@@ -67,7 +67,7 @@ def test_residuals_of_axes_are_distances_of_the_lines_of_normals(case):
             assert_allclose(part[k], whole, rtol=1e-9, atol=1e-12)
 
 
-def test_images_are_those_of_the_planes(case):
+def test_images_are_mirror_images_in_the_planes(case):
     points, _, normals, at = case
     images = mirror_images(points, normals, at)
     assert images.shape == (len(normals), len(points), 3)
@@ -78,7 +78,7 @@ def test_images_are_those_of_the_planes(case):
 def test_residuals_of_planes_are_distances_of_images_from_the_surface(case):
     points, normals, planes, at = case
     if not len(points):
-        return  # nothing to meet
+        return  # without points there is no surface
     basis = sides_of(planes)
     moved, facing = points[::EVERY].copy(), normals[::EVERY]
     images = mirror_images(moved, planes, at)
@@ -116,7 +116,7 @@ def test_a_step_solves_for_all_unknowns_and_moves_the_starts(case):
         assert_allclose(moved[k], points[k] + basis[k] @ found[k, 2:], atol=1e-12)
 
 
-def test_a_sphere_is_fitted_as_arrays_fit_it(case):
+def test_a_sphere_is_fitted_as_by_numpy_arrays(case):
     points, normals, _, _ = case
     if not len(points):
         return  # no radius

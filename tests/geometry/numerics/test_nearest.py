@@ -1,4 +1,4 @@
-"""Nearest neighbours found by comparing with all are those of a tree."""
+"""Nearest neighbours by comparison with all points, against a tree."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from pipelines.geometry.numerics.nearest import Neighbours
 
 @given(st.integers(1, 300), st.integers(0, 5), st.floats(0.005, 0.3), st.integers(0, 2**32 - 1))
 @settings(max_examples=40, deadline=None)
-def test_neighbours_are_those_of_a_tree(count, planes, size, seed):
+def test_neighbours_equal_those_of_a_tree(count, planes, size, seed):
     rng = np.random.default_rng(seed)
     points = rng.normal(size=(count, 3)) * size + [0.1, -0.2, 1.5]
     queries = rng.normal(size=(planes, 100, 3)) * size + [0.1, -0.2, 1.5]
@@ -30,7 +30,7 @@ def test_points_themselves_are_found():
 
 
 @pytest.mark.parametrize("count", [1, 15, 16, 17, 31, 32, 47, 500])
-def test_each_place_is_found_and_of_equal_points_the_first(count):
+def test_each_index_is_found_and_the_first_of_equal_points(count):
     points = np.random.default_rng(0).normal(size=(count, 3))
     twice = np.concatenate([points, points])
     _, nearest = Neighbours.of(twice).nearest(points)

@@ -12,7 +12,7 @@ seeds = st.integers(0, 2**31)
 
 
 @given(keys)
-def test_first_places_are_those_of_unique(numbers):
+def test_first_indices_equal_those_of_numpys_unique(numbers):
     key = np.array(numbers, np.int64)
     _, first = np.unique(key, return_index=True)
     assert_array_equal(first_of_each(key), np.sort(first))

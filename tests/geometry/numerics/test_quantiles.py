@@ -1,4 +1,4 @@
-"""Quantiles by sorting are those of numpy."""
+"""Quantiles by sorting, against numpy's."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ numbers = st.floats(-1e6, 1e6)
 
 
 @given(st.lists(numbers, min_size=1, max_size=60), st.lists(st.floats(0, 1), min_size=1))
-def test_quantiles_are_those_of_numpy(values, shares):
+def test_quantiles_equal_those_of_numpy(values, shares):
     expected = np.quantile(values, shares)
     np.testing.assert_allclose(quantiles(values, shares), expected, atol=1e-9)
     np.testing.assert_allclose(quantiles(values, shares[0]), expected[0], atol=1e-9)

@@ -1,4 +1,4 @@
-"""Exported files read as the tools that they are for read them, by those tools' own formulas.
+"""Readers of exported files, by the formulas of the tools that use each format.
 
 Every reader gives the contacts (n, 2, 3) of a frame's grasps in the order of the file.
 """
@@ -20,7 +20,7 @@ def pair(middle, closing, width):
 
 
 def linked(positions, xyzw, widths, base_to_contacts):
-    """Contacts of the link of a gripper: z = approach, y = closing."""
+    """Contacts from the pose of a gripper's link: z = approach, y = closing."""
     if not len(widths):
         return np.zeros((0, 2, 3))
     R = Rotation.from_quat(xyzw).as_matrix()

@@ -21,7 +21,7 @@ def random_gripper(rng) -> Gripper:
 
 
 def random_result(rng, count: int, name: str = "a/b", regions: int = 3) -> FrameResult:
-    """A frame of `count` grasps, ascending by region; the first of each region is its best."""
+    """A frame of `count` grasps, sorted by region; the first of each region is its best."""
     rotation = np.array([random_rotation(rng) for _ in range(count)]).reshape(-1, 3, 3)
     grasps = GraspPoses(rotation, rng.normal(size=(count, 3)), rng.uniform(0.01, 0.1, count))
     table = grasp_table(grasps)

@@ -22,7 +22,7 @@ def frame(tmp_path, monkeypatch):
     return frame
 
 
-def test_axes_are_closing_their_product_and_approach(frame):
+def test_axes_are_closing_axis_cross_product_and_approach_axis(frame):
     arrays = read_npz(Path("predictions_x.npz"))
     region = frame.result.grasps.region
     for segment in np.unique(region):
@@ -41,7 +41,7 @@ def test_the_documented_lines_give_contact_graspnets_own_dicts(frame):
     section = DOCUMENT.read_text(encoding="utf-8").split("## Contact-GraspNet predictions")[1]
     code = re.search(r"```python\n(.*?)```", section, re.DOTALL)[1]
     exec(compile(code, "formats.md", "exec"), {})  # the project's own text
-    # What the tool's own programs do; the pickle was made three lines ago.
+    # The tool's programs load it so; the pickle was made three lines ago.
     with np.load("predictions_x.pickled.npz", allow_pickle=True) as found:
         poses, scores = found["pred_grasps_cam"].item(), found["scores"].item()
         points = found["contact_pts"].item()

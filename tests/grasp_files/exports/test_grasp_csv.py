@@ -23,7 +23,7 @@ def test_awkward_names_and_messages_stay_in_their_line(tmp_path):
     assert [row["grasp"] for row in rows] == ["100", "101"]
 
 
-def test_a_file_of_ours_is_known_by_its_first_line(tmp_path):
+def test_our_file_is_recognised_by_its_first_line(tmp_path):
     frame, header = random_frame(np.random.default_rng(0), 1)
     grasp_csv.write(tmp_path / "x.csv", [frame], header)
     (tmp_path / "y.csv").write_text("a,b\n1,2\n")
@@ -31,7 +31,7 @@ def test_a_file_of_ours_is_known_by_its_first_line(tmp_path):
     assert not grasp_csv.is_ours(tmp_path / "y.csv")
 
 
-def test_no_cell_begins_as_a_formula(tmp_path):
+def test_no_cell_begins_like_a_formula(tmp_path):
     rng = np.random.default_rng(0)
     names = ("=1+1", "@SUM(A1)", "+a", "-b", "a,=1")
     full = [random_frame(rng, 1, name=name) for name in names]

@@ -1,4 +1,4 @@
-"""All exporters: the parts that they share, and the contacts that each keeps."""
+"""All exporters: their shared parts, and the contacts that each format keeps."""
 
 import dataclasses
 import json
@@ -33,7 +33,7 @@ few = settings(max_examples=15, deadline=None)
 
 
 def exported(to: str, frame, header):
-    """The contacts that a reader of the format gets of `frame`."""
+    """Return the contacts of `frame` that a reader of the format computes."""
     with tempfile.TemporaryDirectory() as folder:
         if to in WHOLE:
             path = Path(folder) / f"x.{to}"
@@ -68,7 +68,7 @@ def test_rotations_are_exact_though_stored_in_single_precision(seed):
 
 @few
 @given(seed=seeds)
-def test_what_is_too_wide_is_left_out_and_the_next_becomes_the_best(seed):
+def test_grasps_that_are_too_wide_are_left_out_and_the_next_becomes_the_best(seed):
     rng = np.random.default_rng(seed)
     result, gripper = random_result(rng, 12), random_gripper(rng)
     narrow = type(gripper)(**{**vars(gripper), "max_opening": 0.06})
@@ -84,7 +84,7 @@ def test_what_is_too_wide_is_left_out_and_the_next_becomes_the_best(seed):
 
 @few
 @given(seed=seeds)
-def test_exports_come_in_the_order_of_the_frame_and_leave_out_low_scores(seed):
+def test_exports_keep_the_order_of_the_frame_and_leave_out_low_scores(seed):
     rng = np.random.default_rng(seed)
     result, gripper = random_result(rng, 12), random_gripper(rng)
     scores = rng.permutation(np.linspace(0.0, 1.0, 12))
@@ -97,7 +97,7 @@ def test_exports_come_in_the_order_of_the_frame_and_leave_out_low_scores(seed):
     assert frame.low.tolist() == (5 + np.flatnonzero(scores < 0.25)).tolist()
 
 
-def test_numbers_that_are_not_finite_are_a_sentence():
+def test_numbers_that_are_not_finite_are_reported_in_one_sentence():
     result = random_result(np.random.default_rng(0), 3)
     columns = {name: getattr(result.grasps, name).copy() for name in GraspTable.SPEC}
     columns["translation"][1, 2] = np.nan
@@ -113,7 +113,7 @@ def test_names_that_lead_out_of_the_folder_are_refused(name):
         frame_path(name, "", ".npy")
 
 
-def test_runs_of_places_are_said_as_ranges():
+def test_runs_of_consecutive_indices_are_written_as_ranges():
     assert as_ranges(np.array([3, 5, 6, 7, 9])) == "3, 5-7, 9"
     assert as_ranges(np.array([], int)) == ""
 

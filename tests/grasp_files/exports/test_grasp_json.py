@@ -10,7 +10,7 @@ from pipelines.grasp_files.grasps_tables import GraspTable
 from tests.grasp_files.exports.gripper_toys import random_frame
 
 
-def test_frames_without_grasps_say_why(tmp_path):
+def test_frames_without_grasps_state_the_reason(tmp_path):
     rng = np.random.default_rng(0)
     full, header = random_frame(rng, 2, name="ü")
     bare, _ = random_frame(rng, 0, name="b")
@@ -22,13 +22,13 @@ def test_frames_without_grasps_say_why(tmp_path):
     assert (frames[1]["status"], frames[1]["message"]) == ("empty", "nothing stands on the table")
 
 
-def test_no_frames_at_all_are_json(tmp_path):
+def test_a_file_without_frames_is_valid_json(tmp_path):
     _, header = random_frame(np.random.default_rng(0), 0)
     grasp_json.write(tmp_path / "x.json", [], header)
     assert json.loads((tmp_path / "x.json").read_text())["frames"] == []
 
 
-def test_what_was_not_predicted_is_null(tmp_path):
+def test_values_that_were_not_predicted_are_null(tmp_path):
     frame, header = random_frame(np.random.default_rng(0), 1)
     table = frame.result.grasps
     columns = {name: getattr(table, name) for name in GraspTable.SPEC}

@@ -35,7 +35,7 @@ def test_a_frame_without_grasps_is_an_empty_mapping(tmp_path):
     assert yaml_content(tmp_path / "x.yaml")["grasps"] == {}
 
 
-def test_small_numbers_are_numbers(tmp_path):
+def test_small_numbers_are_read_as_numbers_and_not_as_text(tmp_path):
     frame, header = random_frame(np.random.default_rng(0), 2, name="x")
     moved = replace(frame.grasps, translation=frame.grasps.translation * 1e-7)
     isaac_grasps.write_frame(tmp_path / "x.yaml", replace(frame, grasps=moved), header)

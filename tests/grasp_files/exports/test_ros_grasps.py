@@ -1,4 +1,4 @@
-"""JSON in the words of ROS."""
+"""JSON with the field names of ROS messages."""
 
 import json
 
@@ -42,5 +42,5 @@ def test_the_pose_array_has_the_messages_fields(tmp_path):
         ("20240131_123456", 0, 0),
     ],
 )
-def test_the_stamp_is_the_time_that_a_frames_name_says(name, sec, nanosec):
+def test_the_stamp_is_the_time_in_a_frames_name(name, sec, nanosec):
     assert ros_grasps.time_of(name) == {"sec": sec, "nanosec": nanosec}

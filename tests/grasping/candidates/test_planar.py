@@ -1,4 +1,4 @@
-"""Boundary grasps: pairs are those that a loop over all pairs of boundary cells finds."""
+"""Planar grasps, against a loop over all pairs of boundary cells."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ seeds = st.integers(0, 2**31)
 
 
 def naive_pairs(view, depth, region):
-    """Holding pairs of one slice, (first, second) contact on the plane and quality."""
+    """Map the (first, second) contacts of each holding pair of one slice to their quality."""
     inside = planar.cv2.medianBlur((view.depth <= depth).astype(np.uint8), 3)
     boundary, outward = planar._boundary(inside)
     steep = planar._wall_steepness(view.depth, depth, view.cell, boundary, outward)
@@ -40,7 +40,7 @@ def naive_pairs(view, depth, region):
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.0002])
-def test_a_flat_top_seen_from_straight_above_can_be_held_at_sides_that_show_nowhere(noise):
+def test_a_flat_top_seen_from_straight_above_can_be_held_at_its_unseen_sides(noise):
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
     pose[2, 3] = 0.7
     depth, index = render([Box((0.05, 0.05, 0.03))], pose)
@@ -54,7 +54,7 @@ def test_a_flat_top_seen_from_straight_above_can_be_held_at_sides_that_show_nowh
 
 
 @pytest.mark.parametrize("shape", [Box((0.06, 0.05, 0.1)), Can(0.03, 0.08)])
-def test_the_pairs_of_a_slice_are_those_of_a_loop(shape):
+def test_the_pairs_of_a_slice_equal_those_of_a_loop(shape):
     _, scene, region = seen([shape, Box((0.03, 0.03, 0.15), (0.0, -0.08, 0.0))])
     cap = CONFIG.ranking.clearance_cap
     checks = Feasibility.at(region, scene, GRIPPER, CONFIG.feasibility, cap)
@@ -77,7 +77,7 @@ def test_the_pairs_of_a_slice_are_those_of_a_loop(shape):
 
 @given(seeds, st.integers(1, 200))
 @settings(max_examples=25, deadline=None)
-def test_a_cell_holds_its_nearest_point(seed, count):
+def test_a_cell_holds_the_depth_of_its_nearest_point(seed, count):
     rng = np.random.default_rng(seed)
     local = rng.uniform(-0.05, 0.05, (count, 3)) * rng.choice([0.05, 1.0])
     low, cell, depth = planar._nearest_in_cells(local)
@@ -92,7 +92,7 @@ def test_a_cell_holds_its_nearest_point(seed, count):
 
 @given(seeds)
 @settings(max_examples=25, deadline=None)
-def test_holes_are_as_near_as_the_nearest_cell_around(seed):
+def test_holes_take_the_depth_of_the_nearest_cell_around(seed):
     rng = np.random.default_rng(seed)
     depth = np.where(rng.uniform(size=(12, 9)) < 0.7, rng.uniform(size=(12, 9)), np.inf)
     inside = (rng.uniform(size=(12, 9)) < 0.5).astype(np.uint8)
@@ -103,7 +103,7 @@ def test_holes_are_as_near_as_the_nearest_cell_around(seed):
 
 @given(seeds, st.integers(0, 20))
 @settings(max_examples=25, deadline=None)
-def test_slopes_and_steepness_are_those_of_arrays(seed, count):
+def test_slopes_and_steepness_equal_those_of_numpy_arrays(seed, count):
     rng = np.random.default_rng(seed)
     smooth, cells = rng.uniform(size=(15, 20)), rng.integers(1, [19, 14], (count, 2))
     column, row = cells.T
@@ -122,7 +122,7 @@ def test_slopes_and_steepness_are_those_of_arrays(seed, count):
 
 @given(seeds, st.integers(0, 200))
 @settings(max_examples=25, deadline=None)
-def test_of_pairs_about_one_place_the_first_is_taken(seed, count):
+def test_the_first_of_pairs_around_one_place_is_taken(seed, count):
     rng = np.random.default_rng(seed)
     contact, pairs = rng.uniform(-20.0, 20.0, (40, 2)), rng.integers(40, size=(count, 2))
     order = rng.permutation(count)

@@ -48,7 +48,7 @@ def test_counterparts_lie_across_the_box():
     np.testing.assert_allclose(widths(pairs)[facing], 0.09, atol=0.004)
 
 
-def test_of_two_planes_the_one_across_the_points_normal_is_taken():
+def test_each_point_takes_the_plane_whose_normal_is_along_its_own():
     pose, scene, region, planes = box_seen()
     pairs = pairs_of(region, scene, planes)
     line = unit(pairs.contacts[:, 1] - pairs.contacts[:, 0])
@@ -63,11 +63,11 @@ def test_points_of_low_affordance_are_in_no_pair():
 
 def test_a_false_symmetry_gives_no_pairs_in_free_space():
     pose, scene, region, _ = box_seen()
-    # Mirroring the front face in a plane before it puts counterparts into the air.
+    # Mirroring the front face in a plane in front of it puts counterparts into the air.
     before = ReflectionSymmetry(pose[:3, 1], transform_points(pose, [0, -0.075, 0.05]))
     pairs = pairs_of(region, scene, believed(before))
     height = transform_points(invert(pose), pairs.contacts[:, 1])[:, 2]
-    assert (height < 0.025).all()  # the others lie on the table, to within noise
+    assert (height < 0.025).all()  # the other counterparts are on the table, to within noise
     mirrored = before.counterpart(region.points)
     assert (transform_points(invert(pose), mirrored)[:, 2] > 0.025).mean() > 0.5
 
@@ -88,7 +88,7 @@ def test_pairs_wider_than_the_gripper_are_left_out():
 
 @given(seeds, st.integers(0, 30))
 @settings(max_examples=25, deadline=None)
-def test_a_point_is_paired_with_the_possible_image_that_its_normal_faces_most(seed, count):
+def test_a_point_is_paired_with_the_possible_image_that_its_normal_opposes_most(seed, count):
     rng = np.random.default_rng(seed)
     points, normals = rng.normal(size=(count, 3)), unit(rng.normal(size=(count, 3)))
     images = points[:, None] + rng.normal(size=(count, 4, 3))

@@ -1,4 +1,4 @@
-"""Gripper bodies against points: the fast way equals the obvious one."""
+"""Gripper bodies against points: the fast code equals plain loops."""
 
 import numpy as np
 from hypothesis import example, given, settings
@@ -102,7 +102,7 @@ def test_moving_gripper_and_scene_together_changes_nothing(seed):
 
 @given(seeds, st.sampled_from([0, 1, 12, 500]))
 @settings(max_examples=30, deadline=None)
-def test_the_clearance_is_the_nearest_point_of_a_loop(seed, count):
+def test_the_clearance_equals_the_shortest_distance_of_a_loop(seed, count):
     rng = np.random.default_rng(seed)
     grasps, scene = random_grasps(rng, 40), random_scene(rng, count)
     found = clearance(grasps, GRIPPER, scene, 0.05)
@@ -118,7 +118,7 @@ def test_the_clearance_is_the_nearest_point_of_a_loop(seed, count):
 
 @given(seeds)
 @settings(max_examples=15, deadline=None)
-def test_the_lowest_height_is_that_of_the_lowest_corner(seed):
+def test_the_lowest_height_is_the_height_of_the_lowest_corner(seed):
     rng = np.random.default_rng(seed)
     grasps, plane = random_grasps(rng), Plane(unit(rng.normal(size=3)), float(rng.normal()))
     found = lowest_height(grasps, GRIPPER, plane)

@@ -1,4 +1,4 @@
-"""The approach path of a grasp: what any pose along it meets, the sweep meets."""
+"""The approach path of a grasp: the sweep meets every obstacle that a pose along it meets."""
 
 from dataclasses import replace
 
@@ -28,7 +28,7 @@ def obstacle(*points):
 
 
 def free(grasps, near, far=NOTHING, gripper=None, config=CONFIG):
-    """Whether paths are free of the points `near` a region and `far` from it."""
+    """Return whether paths are free of the points `near` a region and `far` from it."""
     scene = SceneCloud(np.zeros((240, 320)), CAMERA)
     scene.__dict__["coarse"] = far
     around = Surroundings(near, NOTHING, np.zeros(3), 1.0, None)
@@ -38,7 +38,7 @@ def free(grasps, near, far=NOTHING, gripper=None, config=CONFIG):
 
 @given(st.integers(0, 2**31), st.sampled_from(sorted(preset_names())))
 @settings(max_examples=40, deadline=None)
-def test_a_path_is_free_if_no_pose_along_it_meets_anything(seed, name):
+def test_a_path_is_free_if_no_pose_along_it_meets_an_obstacle(seed, name):
     rng, gripper = np.random.default_rng(seed), load_gripper(name)
     width = rng.uniform(0.01, gripper.max_width, 6)
     rotation = np.stack([random_rotation(rng) for _ in range(6)])
@@ -49,7 +49,7 @@ def test_a_path_is_free_if_no_pose_along_it_meets_anything(seed, name):
         pose = replace(grasps, translation=grasps.translation - step * grasps.approach)
         met |= bodies_meet(pose, gripper, scene, ANY_POINT)[0]
     assert not free(grasps, scene, gripper=gripper)[met].any()
-    # Nothing else is on the path: one is free if points come no nearer than between steps.
+    # A path is free if all points keep clear by more than the gap between two steps.
     slim = replace(CONFIG, body_margin=CONFIG.body_margin - 0.0011, approach_distance=0.098)
     assert free(grasps, scene, gripper=gripper, config=slim)[~met].all()
 
@@ -59,7 +59,7 @@ ALONG_X = GraspPoses(np.eye(3)[None], np.zeros((1, 3)), np.array([0.05]))  # app
 
 @pytest.mark.parametrize("place", ["near", "far"])
 @pytest.mark.parametrize(("behind", "expected"), [(0.03, False), (0.11, True)])
-def test_an_obstacle_behind_the_gripper_counts_as_far_as_the_path_begins(place, behind, expected):
+def test_an_obstacle_behind_the_gripper_counts_up_to_the_start_of_the_path(place, behind, expected):
     gripper = load_gripper("rg2")
     back = gripper.boxes(0.05)[2, 0, 0]
     clouds = {"near": NOTHING, "far": NOTHING} | {place: obstacle([back - behind, 0, 0])}

@@ -1,4 +1,4 @@
-"""A region that the image cuts off goes on beyond its border: no finger there."""
+"""No finger goes where the image border cuts off a region, which goes on beyond it."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ SIDES = ["left", "right", "upper", "lower", "none"]
 
 
 def cut(depth, index, side, share=0.6):
-    """Return depth, region and camera of an image that ends where `share` of the box is seen."""
+    """Return depth, region and camera of an image that shows only `share` of the box."""
     rows, columns = np.nonzero(index == 0)
     match side:
         case "left":
@@ -63,7 +63,7 @@ def test_no_finger_closes_where_the_image_cuts_an_object_off(side):
     found = RegionPlanner(GRIPPER, CONFIG).plan(region, scene, (planar_pass(),))
     assert len(found)
     grasps = found.grasps
-    points = CAMERA.backproject(whole)[index == 0]  # with those beyond the cut
+    points = CAMERA.backproject(whole)[index == 0]  # including points beyond the cut
     for n in range(len(found)):
         along, across, aside = ((points - grasps.translation[n]) @ grasps.rotation[n]).T
         half = 0.5 * grasps.width[n] + GRIPPER.clearance
@@ -97,7 +97,7 @@ def test_a_grasp_is_kept_if_its_fingers_are_in_view(seed):
         assert kept[n] == inside
 
 
-def test_a_side_that_a_camera_never_measures_is_the_images_border():
+def test_a_side_that_a_camera_never_measures_counts_as_image_border():
     depth = np.full((240, 320), 0.7)
     depth[:, :30] = 0.0
     depth[5, 3] = 0.7  # noise
@@ -105,7 +105,7 @@ def test_a_side_that_a_camera_never_measures_is_the_images_border():
     assert measured_sides(np.zeros((4, 6))) == ((0, 5), (0, 3))
 
 
-def test_an_object_that_was_cut_out_of_an_image_ends_by_itself():
+def test_an_object_on_an_otherwise_empty_depth_image_is_not_cut():
     depth, index = render([BOX], POSE)
     alone = np.where(index == 0, depth, 0.0)
     assert measured_sides(alone) == ((0, 319), (0, 239))

@@ -1,4 +1,4 @@
-"""Workspace and approach cone: what they allow, and in which frame."""
+"""Workspace and approach cone: the allowed grasps, in each frame."""
 
 import numpy as np
 import pytest
@@ -50,7 +50,7 @@ def test_a_box_over_the_table_is_the_same_wherever_the_camera_stands(seed):
     box = (-0.1, 0.2, 0.01, 0.1, 0.6, 0.2)
     pose = looking_at_table(rng.uniform(0.5, 0.9), rng.uniform(0.4, 1.3))
     plane = Plane(pose[:3, 2], float(-pose[:3, 2] @ pose[:3, 3]))
-    eye = np.linalg.inv(pose)[:3, 3]  # over the table's origin lies the camera
+    eye = np.linalg.inv(pose)[:3, 3]  # the camera is above the table's origin
     inside = rng.uniform(box[:3], box[3:], (20, 3)) + eye * [1, 1, 0]
     outside = inside + np.array([0, 0, 0.25])
     found = limits(plane=plane, box=box, box_frame="table")

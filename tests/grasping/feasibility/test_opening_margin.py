@@ -1,4 +1,4 @@
-"""Symmetric grasps open wider at the contact that is predicted, as far as that is free."""
+"""Symmetric grasps open wider at the predicted contact, as far as there is free space."""
 
 from dataclasses import replace
 
@@ -39,15 +39,15 @@ def widened(found, checks, **settings):
     return with_opening_margin(found, replace(checks, config=replace(CONFIG, **settings)), CAP)
 
 
-@pytest.mark.parametrize("width", [0.05, 0.06])  # the plane too near, and where it is
-def test_the_second_contact_gets_a_margin_and_the_first_stays(width):
+@pytest.mark.parametrize("width", [0.05, 0.06])  # plane too near, or in its place
+def test_the_second_contact_gets_a_margin_and_the_first_does_not_move(width):
     before = grasp(width)
     after = widened(before, checks_at_box())
     was, now = before.grasps.contacts[0], after.grasps.contacts[0]
     assert_allclose(now[0], was[0], atol=1e-12)
     along = before.grasps.closing[0]
     assert_allclose(now[1] - was[1], CONFIG.opening_margins[0] * along, atol=1e-12)
-    assert after.clearance[0] <= CAP  # measured anew: it was given as 1
+    assert after.clearance[0] <= CAP  # measured again: it was given as 1
     assert_allclose(after.grasps.rotation, before.grasps.rotation)
 
 
@@ -61,7 +61,7 @@ def test_close_contacts_get_a_smaller_margin(monkeypatch, width, margin):
 
 @pytest.mark.parametrize("gap", [0.0, 0.0035, 0.0055, 0.02])
 def test_the_margin_is_the_largest_that_a_neighbour_leaves(gap):
-    left = 0.03 + FINGER + gap  # beside the open finger
+    left = 0.03 + FINGER + gap  # next to the open finger
     checks = checks_at_box(Box((0.06, 0.06, 0.12), (left + 0.03, 0.0, 0.0)))
     found = widened(grasp(0.06), checks)
     margin = float(found.grasps.width[0] - 0.06)
@@ -74,7 +74,7 @@ def test_the_margin_is_the_largest_that_a_neighbour_leaves(gap):
     assert checks.allows(found.grasps).all()
 
 
-def test_both_contacts_of_a_planar_grasp_are_seen_and_stay():
+def test_contacts_of_a_planar_grasp_are_both_seen_and_get_no_margin():
     found = widened(grasp(0.06, slot=-1), checks_at_box())
     assert_allclose(found.grasps.width, 0.06)
 

@@ -1,4 +1,4 @@
-"""The points around a region."""
+"""Points around a region, measured or unseen, that grasps must avoid."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def seen(seed):
 
 @pytest.mark.parametrize("reach", [0.02, 0.15, 2.0])
 @pytest.mark.parametrize("resolution", [0.003, 0.02])
-def test_around_a_region_is_the_first_point_of_every_cell_in_reach(reach, resolution):
+def test_the_first_point_of_every_cell_in_reach_surrounds_a_region(reach, resolution):
     scene, region = seen(0)
     low, high = region.points.min(axis=0), region.points.max(axis=0)
     centre, radius = (low + high) / 2, np.linalg.norm(high - low) / 2 + reach
@@ -50,7 +50,7 @@ def test_unseen_points_within_reach_join_the_obstacles():
     assert joined.others is around.others
 
 
-def test_points_beneath_the_floor_are_no_obstacles_but_known_as_others():
+def test_points_beneath_the_floor_are_no_obstacles_but_points_of_other_regions():
     scene, region = seen(0)
     floor = Plane(scene.plane.normal, scene.plane.offset - 0.03)
     whole, high = (Surroundings.of(region, scene, 0.1, 0.003, each) for each in (None, floor))

@@ -17,7 +17,7 @@ GRIPPER = load_gripper("rg2")
 
 
 def wall(distance, left=None):
-    """A scene that is a wall across the view, its left half `left` metres away if that is given."""
+    """A scene of a wall across the view, its left half at `left` metres if that is given."""
     depth = np.full((240, 320), float(distance))
     if left is not None:
         depth[:, :160] = left
@@ -34,17 +34,17 @@ def along_the_view(z, width=0.04):
 @pytest.mark.parametrize(
     ("scene", "share"),
     [
-        (wall(0.6), 1.0),  # before the wall
+        (wall(0.6), 1.0),  # in front of the wall
         (wall(0.4), 0.0),  # behind it
         (wall(0.6, left=0.4), 0.5),  # one finger is hidden
         (wall(0.0), 0.0),  # nothing was measured
     ],
 )
-def test_space_before_a_surface_is_seen_and_space_behind_it_is_not(scene, share):
+def test_space_in_front_of_a_surface_is_seen_and_space_behind_it_is_not(scene, share):
     assert visible_fraction(along_the_view(0.5), GRIPPER, scene)[0] == pytest.approx(share)
 
 
-def test_a_tip_that_dips_into_the_wall_is_seen_in_part():
+def test_a_finger_tip_that_reaches_into_the_wall_is_seen_in_part():
     shares = [
         visible_fraction(along_the_view(z), GRIPPER, wall(0.5))[0] for z in (0.49, 0.515, 0.54)
     ]
@@ -53,7 +53,7 @@ def test_a_tip_that_dips_into_the_wall_is_seen_in_part():
     assert shares[2] == 0.0
 
 
-def test_space_beside_the_image_and_behind_the_camera_is_not_seen():
+def test_space_outside_the_image_and_behind_the_camera_is_not_seen():
     grasp, metre = along_the_view(0.5), np.eye(3)
     beside = GraspPoses(grasp.rotation, grasp.translation + metre[:1], grasp.width)
     behind = GraspPoses(grasp.rotation, grasp.translation - metre[2:], grasp.width)
@@ -62,7 +62,7 @@ def test_space_beside_the_image_and_behind_the_camera_is_not_seen():
     assert visible_fraction(GraspPoses.empty(), GRIPPER, wall(0.6)).shape == (0,)
 
 
-def test_the_share_is_that_of_a_lattice_of_points():
+def test_the_share_equals_that_of_a_lattice_of_points():
     rng = np.random.default_rng(0)
     depth = rng.uniform(0.45, 0.55, (240, 320)) * (rng.uniform(size=(240, 320)) < 0.9)
     scene = SceneCloud(depth, CAMERA)

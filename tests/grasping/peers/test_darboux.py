@@ -1,4 +1,4 @@
-"""Hands in Darboux frames of rendered shapes, and what hinders them."""
+"""Hands in Darboux frames of rendered shapes, and their collisions."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ from tests.grasping.seen_regions import seen
 
 
 def can():
-    """The table's pose, and the points of a can of radius 3 cm and of the whole scene."""
+    """Return the table's pose, the points of a can of radius 3 cm, and those of the scene."""
     pose, scene, _ = seen([Can(0.03, 0.12)])
     points = scene.xyz[(scene.depth > 0) & ~scene.stray]
     return pose, over_table(points, scene.plane), points
@@ -52,13 +52,13 @@ def test_approaches_come_from_the_cameras_side():
 
 def test_a_hand_whose_finger_would_meet_the_cloud_is_not_free():
     grid = np.stack(np.meshgrid(*[np.arange(-0.01, 0.011, 0.005)] * 3), -1).reshape(-1, 3)
-    wall = np.add(grid, [0.045, 0.0, 0.0])  # where a finger comes
+    wall = np.add(grid, [0.045, 0.0, 0.0])  # at a finger's place
     hand = a_hand([0.0, 0.0, 0.0])
     assert free_hands(hand, grid, grid).tolist() == [True]
     assert free_hands(hand, grid, np.concatenate([grid, wall])).tolist() == [False]
 
 
-def test_a_hand_that_closes_on_nothing_is_of_no_use():
+def test_a_hand_that_closes_on_nothing_is_left_out():
     far = np.full((30, 3), 1.0)
     assert free_hands(a_hand([0.0, 0.0, 0.0]), far, far).tolist() == [False]
 
@@ -70,14 +70,14 @@ def test_the_closing_region_is_seen_in_the_hands_frame():
 
 
 @pytest.mark.parametrize("available", [5, 40])
-def test_points_are_drawn_without_losing_any_where_there_are_few(available):
+def test_all_points_are_drawn_where_there_are_few(available):
     points = np.arange(3.0 * available).reshape(-1, 3)
     drawn = drawn_points(points, 20, np.random.default_rng(0))
     assert drawn.shape == (20, 3)
     assert len(np.unique(drawn, axis=0)) == min(available, 20)
 
 
-def test_what_lies_on_the_table_or_high_above_it_is_no_object():
+def test_points_on_the_table_or_high_above_it_belong_to_no_object():
     table = Plane(np.array([0.0, 0.0, -1.0]), 1.0)
     points = np.array([[0, 0, 0.998], [0, 0, 0.9], [0, 0, 0.2]])
     assert_allclose(over_table(points, table), points[1:2])

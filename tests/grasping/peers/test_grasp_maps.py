@@ -1,4 +1,4 @@
-"""GG-CNN's maps: what is painted can be read again."""
+"""GG-CNN's maps: painted grasps can be read again."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def test_a_painted_grasp_is_read_where_it_was(degrees):
     assert opening_pixels(found[None])[0] == pytest.approx(60.0, rel=0.03)
 
 
-def test_a_network_that_is_a_quarter_sure_means_the_same_grasp():
+def test_maps_of_a_quarter_of_the_quality_give_the_same_grasp():
     wanted = row(120.0, 160.0, 50.0, 60.0)
     sure = GraspMaps.painted(wanted, (300, 300))
     mixed = GraspMaps(
@@ -41,14 +41,14 @@ def test_a_network_that_is_a_quarter_sure_means_the_same_grasp():
     assert opening_pixels(found[None])[0] == pytest.approx(60.0, rel=0.03)
 
 
-def test_the_better_of_two_grasps_lies_on_top():
+def test_the_better_of_two_overlapping_grasps_is_painted():
     rows = np.concatenate([row(100, 100, 0.0, 90.0, 0.9), row(100, 100, 60.0, 30.0, 0.8)])
     maps = GraspMaps.painted(rows, (200, 200))
     assert maps.width[100, 100] == pytest.approx(0.6)
     assert maps.cos[100, 100] == pytest.approx(1.0)
 
 
-def test_elsewhere_there_is_no_quality_and_the_angle_is_0():
+def test_pixels_without_a_grasp_have_quality_0_and_angle_0():
     maps = GraspMaps.painted(row(100, 100, 60.0, 30.0), (200, 200))
     assert maps.quality[0, 0] == maps.width[0, 0] == maps.sin[0, 0] == 0.0
     assert maps.cos[0, 0] == 1.0

@@ -22,7 +22,7 @@ def some_rows(*degrees: float) -> np.ndarray:
 @pytest.mark.parametrize(
     ("degrees", "expected"), [(-90.0, 1), (0.0, 10), (10.0, 11), (84.0, 18), (86.0, 1)]
 )
-def test_a_class_is_ten_degrees_and_the_last_is_the_first_again(degrees, expected):
+def test_a_class_is_ten_degrees_and_the_last_class_equals_the_first(degrees, expected):
     assert orientation_classes(some_rows(degrees)).tolist() == [expected]
 
 

@@ -40,13 +40,13 @@ def test_a_rectangle_on_a_plane_projects_back_to_its_centre_and_opening():
     assert_allclose(2 * np.linalg.norm(side - centre, axis=1), opening_pixels(rows), atol=1e-3)
 
 
-def test_tips_come_to_lie_2_cm_behind_the_surface_along_the_view():
+def test_finger_tips_end_2_cm_behind_the_surface_along_the_view():
     grasps, _ = rectangle_grasps(some_rows(0.0), PLANE, CAMERA, RG2)
     assert_allclose(grasps.approach, [[0.0, 0.0, 1.0]])
     assert_allclose(grasps.translation[0, 2] + RG2.tip_reach, 0.62)
 
 
-def test_an_opening_beyond_the_grippers_is_its_widest():
+def test_an_opening_beyond_the_grippers_is_cut_to_its_widest():
     rows = some_rows(0.0)
     rows[:, 2] += 100.0
     grasps, _ = rectangle_grasps(rows, PLANE, CAMERA, RG2)
@@ -71,13 +71,13 @@ def test_an_angle_and_the_opposite_one_are_the_same():
     assert_allclose(angles(some_rows(30.0)), angles(some_rows(210.0)), atol=1e-9)
 
 
-def test_the_middle_third_has_the_whole_height():
+def test_the_middle_third_of_a_rectangle_has_its_whole_height():
     (shown,) = corners(some_rows(0.0), 1.0 / 3.0)
     assert_allclose(np.ptp(shown, axis=0), [10.0, 12.0])
     assert_allclose(shown.mean(axis=0), [100.0, 90.0])
 
 
-def test_rows_whose_object_is_hidden_at_the_centre_are_known():
+def test_rows_whose_object_is_hidden_at_the_centre_are_found():
     rows = np.repeat(some_rows(0.0), 3, axis=0)
     rows[:, 6] = [4, 5, 4]
     rows[2, 0] = -3.0

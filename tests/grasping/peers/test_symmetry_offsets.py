@@ -1,4 +1,4 @@
-"""Symmetries put together from what perfect, and from what wrong, points say."""
+"""Symmetries put together from perfect and from wrong predictions of points."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ AXIS = RotationSymmetry(POSE[:3, 2], MIDDLE)
 
 
 def perfect(noise=0.0):
-    """What points would say that know three planes, an axis and the centre."""
+    """Return predictions of points that know three planes, an axis and the centre."""
     rng = np.random.default_rng(0)
     mirrored = np.stack([plane.counterpart(POINTS) - POINTS for plane in PLANES], axis=1)
     foot = 0.5 * (AXIS.counterpart(POINTS) - POINTS)
@@ -28,7 +28,7 @@ def perfect(noise=0.0):
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.002])
-def test_what_points_agree_on_is_given_back(noise):
+def test_symmetries_that_the_points_agree_on_are_returned(noise):
     found = symmetries_by_offsets(perfect(noise), SCENE)
     for slot, plane in enumerate([*PLANES, AXIS]):
         cosine = abs(found.direction[slot] @ plane.direction)
@@ -48,15 +48,18 @@ def test_confidence_is_the_probability_times_the_share_that_agrees():
     assert found.existence[4] == pytest.approx(0.4)
 
 
-def test_points_that_disagree_lend_no_confidence():
-    said = perfect()
+def test_points_that_disagree_give_no_confidence():
+    predicted = perfect()
     rng = np.random.default_rng(0)
     wild = SymmetryOffsets(
-        said.points,
-        *(rng.normal(scale=0.1, size=each.shape) for each in (said.center, said.mirrored)),
-        rng.normal(scale=0.1, size=said.axis_foot.shape),
-        said.existence,
-        said.mode,
+        predicted.points,
+        *(
+            rng.normal(scale=0.1, size=each.shape)
+            for each in (predicted.center, predicted.mirrored)
+        ),
+        rng.normal(scale=0.1, size=predicted.axis_foot.shape),
+        predicted.existence,
+        predicted.mode,
     )
     found = symmetries_by_offsets(wild, SCENE)
     assert (found.existence < 0.1).all()
@@ -64,9 +67,14 @@ def test_points_that_disagree_lend_no_confidence():
 
 
 def test_a_plane_whose_images_would_be_seen_is_refuted():
-    said = perfect()
-    aside = MIDDLE + 0.1 * POSE[:3, 0] - POINTS  # beside the box, over the bare table
+    predicted = perfect()
+    aside = MIDDLE + 0.1 * POSE[:3, 0] - POINTS  # next to the box, over the bare table
     wrong = SymmetryOffsets(
-        said.points, aside, said.mirrored, said.axis_foot, said.existence, said.mode
+        predicted.points,
+        aside,
+        predicted.mirrored,
+        predicted.axis_foot,
+        predicted.existence,
+        predicted.mode,
     )
     assert symmetries_by_offsets(wrong, SCENE).existence[0] < 0.5 * 0.9

@@ -1,4 +1,4 @@
-"""Weights of critics are opened if they name the features that are computed, and else refused."""
+"""Weights of critics are opened only if they name the features that the code computes."""
 
 import json
 
@@ -26,9 +26,9 @@ def read(path, model):
 
 def changed(path, model, tensors=None, **metadata):
     """Write the shipped weights of `model` with other tensors or metadata."""
-    own, said = load_weights(SHIPPED[model])
-    said = {name: text for name, text in {**said, **metadata}.items() if text is not None}
-    save_weights(path, {**own, **(tensors or {})}, said)
+    own, stored = load_weights(SHIPPED[model])
+    stored = {name: text for name, text in {**stored, **metadata}.items() if text is not None}
+    save_weights(path, {**own, **(tensors or {})}, stored)
     return path
 
 
@@ -54,8 +54,10 @@ def test_a_feature_of_another_name_is_refused_with_the_command_that_makes_the_fi
     names["candidate"][1:3] = names["candidate"][2:0:-1]
     path = changed(tmp_path / "x.safetensors", model, features=json.dumps(names))
     first, second = critic_files.FEATURES[model].candidate[1:3]
-    told = f"takes {second} as candidate feature 2, where {first} is computed; make the file again"
-    with pytest.raises(FormatError, match=f"{told} with `symgrasp train-critic "):
+    message = (
+        f"takes {second} as candidate feature 2, where {first} is computed; make the file again"
+    )
+    with pytest.raises(FormatError, match=f"{message} with `symgrasp train-critic "):
         read(path, model)
 
 

@@ -1,4 +1,4 @@
-"""Features of grasps hold what their names say, on a box that is known."""
+"""Features of grasps agree with their names, on a known box."""
 
 from dataclasses import replace
 
@@ -83,23 +83,23 @@ def test_each_block_of_features_has_as_many_columns_as_names_and_no_name_is_give
     assert len(set(CANDIDATE_FEATURES)) == len(CANDIDATE_FEATURES)
 
 
-def test_points_are_those_about_the_fingers_with_their_kind_and_height():
+def test_points_around_the_fingers_have_their_kind_and_height():
     (rows,) = views(hands()).points()
     assert (np.abs(rows[:, BESIDE]) <= 2.5).all()
     assert (rows[:, KIND].sum(axis=1) == 1).all()
-    assert rows[:, KIND].sum(axis=0)[0] > 5  # measured
-    assert rows[:, KIND].sum(axis=0)[1] > 5  # put there by the plane
-    assert rows[:, KIND].sum(axis=0)[2] == 0  # other things are farther away
+    assert rows[:, KIND].sum(axis=0)[0] > 5  # kind: measured
+    assert rows[:, KIND].sum(axis=0)[1] > 5  # kind: image under the plane
+    assert rows[:, KIND].sum(axis=0)[2] == 0  # other objects are farther away
     measured = rows[:, KIND][:, 0] == 1
     np.testing.assert_allclose(np.linalg.norm(rows[measured, NORMAL], axis=1), 1.0, atol=1e-3)
     np.testing.assert_array_equal(rows[~measured, NORMAL], 0.0)
-    # The approach is straight down: what lies farther along it lies lower by as much.
+    # The approach is straight down: points farther along it are lower by as much.
     np.testing.assert_allclose(rows[:, HEIGHT] / 10, 0.08 - rows[:, 0] / 20, atol=2e-3)
     front = measured & (rows[:, NORMAL][:, 1] < -0.9)
     np.testing.assert_allclose(rows[front, BESIDE], 0.0, atol=50 * 0.003)
 
 
-def test_numbers_tell_width_pose_symmetry_and_what_is_seen_at_each_contact():
+def test_numbers_hold_width_pose_symmetry_and_the_seen_surface_at_each_contact():
     of = named(hands())
     assert abs(of["width"] - 0.9) < 1e-6
     up = [of[f"up_{axis}"] for axis in ("approach", "closing", "binormal")]
@@ -108,19 +108,19 @@ def test_numbers_tell_width_pose_symmetry_and_what_is_seen_at_each_contact():
     assert (of["is_reflection"], of["is_planar"]) == (1.0, 0.0)
     assert abs(of["height"] - 0.8) < 0.02
     assert of["first_alignment_6mm"] > 0.95  # the front faces its finger
-    assert of["first_distance"] < 30 * 0.006  # and is seen where the finger touches
-    assert of["second_distance"] > 30 * 0.006  # the back is not
+    assert of["first_distance"] < 30 * 0.006  # and the camera sees the touched surface
+    assert of["second_distance"] > 30 * 0.006  # the back is not seen
     none = named(hands(slot=-1))
     assert (none["confidence"], none["is_reflection"], none["is_planar"]) == (0.0, 0.0, 1.0)
 
 
 def named(found):
-    """The features of one grasp by name."""
+    """Return the features of one grasp by name."""
     (row,) = views(found).candidates()
     return dict(zip(CANDIDATE_FEATURES, row, strict=True))
 
 
-def test_the_hands_frame_leads_back_to_the_cameras():
+def test_points_in_the_hands_frame_map_back_to_the_camera_frame():
     grasps = hands(2).grasps
     for index, local in enumerate(grasp_frame(KNOWN.region.points, grasps)):
         back = local.T @ grasps.rotation[index].T + grasps.translation[index]
@@ -128,8 +128,8 @@ def test_the_hands_frame_leads_back_to_the_cameras():
 
 
 @pytest.mark.parametrize("turn", [0.5, 2.0])
-def test_nothing_depends_on_where_the_camera_stands_about_the_vertical(turn):
-    """Only the direction of view, which is no number of points, may tell."""
+def test_features_do_not_depend_on_the_cameras_angle_about_the_vertical(turn):
+    """Only the features of the direction of view may depend on it."""
     spin = np.eye(4)
     spin[:3, :3] = [[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]]
     region = KNOWN.region
@@ -167,7 +167,7 @@ def test_without_a_table_heights_are_zero_and_few_points_are_repeated():
 
 @given(st.integers(0, 2**31), st.integers(0, 5), st.sampled_from([1, 40, 64, 65, 200]))
 @settings(max_examples=25, deadline=None)
-def test_rows_are_those_of_the_points_nearest_to_the_room(seed, count, size):
+def test_rows_hold_the_points_nearest_to_the_space_between_the_fingers(seed, count, size):
     rng = np.random.default_rng(seed)
     local = rng.normal(0.0, 0.05, (count, 3, size)).astype(np.float32)
     half = rng.uniform(0.0, 0.05, count).astype(np.float32)
@@ -205,7 +205,7 @@ def test_rows_are_those_of_the_points_nearest_to_the_room(seed, count, size):
 
 @given(st.integers(0, 2**31), st.integers(0, 6), st.integers(1, 300))
 @settings(max_examples=25, deadline=None)
-def test_what_is_seen_about_a_contact_is_what_arrays_say(seed, count, size):
+def test_the_seen_surface_around_a_contact_equals_that_of_numpy_arrays(seed, count, size):
     rng = np.random.default_rng(seed)
     points, normals = rng.uniform(-0.02, 0.02, (size, 3)), unit(rng.normal(size=(size, 3)))
     contacts = rng.uniform(-0.04, 0.04, (2, 2, 3))[rng.integers(2, size=(count, 2)), [0, 1]]
@@ -230,7 +230,7 @@ def test_what_is_seen_about_a_contact_is_what_arrays_say(seed, count, size):
             np.testing.assert_allclose(part, expected, atol=1e-12)
 
 
-def test_numbers_are_those_of_each_hand_whatever_stands_beside_it():
+def test_the_numbers_of_a_hand_do_not_depend_on_the_other_hands():
     low, high = hands(height=0.05), hands(height=0.08)
     parts = [low.grasps, low.grasps, high.grasps, low.grasps]
     found = replace(hands(4), grasps=GraspPoses.concatenate(parts))

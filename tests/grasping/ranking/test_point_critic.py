@@ -1,4 +1,4 @@
-"""The network of the critics is one in numpy, in torch and compiled, and gives probabilities."""
+"""The network of the critics: the same in numpy, in torch and compiled; probabilities."""
 
 import numpy as np
 import pytest
@@ -50,7 +50,7 @@ def written_out(critic, points, shared, candidate):
     return through("last", np.concatenate([hidden.max(0), hidden.mean(0), standard, shared]))[0]
 
 
-def test_logits_are_what_the_layers_give_written_out(critic):
+def test_logits_equal_those_of_the_layers_written_out(critic):
     given = inputs(critic, 5)
     expected = [written_out(critic, *each) for each in zip(*given, strict=True)]
     np.testing.assert_allclose(critic.logits(*given), expected, rtol=1e-4, atol=1e-5)
@@ -67,7 +67,7 @@ def test_torch_and_the_compiled_network_give_the_same_logits(critic):
     np.testing.assert_allclose(found.numpy(), expected, rtol=1e-4, atol=1e-5)
 
 
-def test_the_order_of_points_says_nothing(critic):
+def test_logits_do_not_depend_on_the_order_of_points(critic):
     points, *rest = inputs(critic)
     mixed = points[:, np.random.default_rng(1).permutation(points.shape[1])]
     here, there = (critic.fast_logits(each, *rest) for each in (points, mixed))
@@ -79,6 +79,6 @@ def test_probabilities_are_calibrated_logits(critic):
     np.testing.assert_allclose(found, 1 / (1 + np.exp(0.5 - 2.0 * logits)), rtol=1e-4)
 
 
-def test_nothing_is_said_of_no_candidates(critic):
+def test_no_candidates_give_no_logits(critic):
     assert critic.probability(*inputs(critic, 0)).shape == (0,)
     assert critic.logits(*inputs(critic, 0)).shape == (0,)

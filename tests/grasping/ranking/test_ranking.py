@@ -50,7 +50,7 @@ DOWN_ACROSS_Y = GraspPoses.from_contacts([[[0.0, -0.02, 0.0], [0.0, 0.02, 0.0]]]
     ("centre", "arm"),
     [
         ((0.03, 0.0, 0.0), 0.03),
-        ((0.03, 0.2, -0.05), 0.03),  # along the closing line, and straight down, cost nothing
+        ((0.03, 0.2, -0.05), 0.03),  # offsets along the closing line and straight down cost nothing
         ((0.0, 0.2, 0.0), 0.0),
         ((0.0, 0.0, -0.1), 0.0),
     ],
@@ -74,7 +74,7 @@ def test_a_weight_at_half_torque_arm_halves_the_expected_quality():
         np.testing.assert_allclose(score, [0.8 * share])
 
 
-def test_the_weight_is_expected_on_the_symmetries_by_the_confidence_in_them():
+def test_the_expected_weight_is_on_the_symmetries_by_their_confidence():
     middle, plane = KNOWN.region.middle, KNOWN.symmetries.symmetry(0)
 
     def off_plane(confidence):

@@ -29,7 +29,7 @@ def alike_grasps(rng, count):
 
 
 def angle_between(one, other):
-    """The smaller angle of both ways to hold a symmetric gripper, by the rotation's axis."""
+    """Return the smaller rotation angle of both ways to hold a symmetric gripper."""
     angles = []
     for swap in (np.eye(3), np.diag([1.0, -1.0, -1.0])):
         turn = one @ (other @ swap).T
@@ -55,7 +55,7 @@ def naive_suppression(grasps, sound):
 
 @given(seeds, st.integers(1, 40))
 @settings(max_examples=40, deadline=None)
-def test_the_grasps_that_stay_are_those_of_a_loop_over_all_sound_ones(seed, count):
+def test_the_kept_grasps_equal_those_of_a_loop_over_all_sound_grasps(seed, count):
     rng = np.random.default_rng(seed)
     grasps, sound = alike_grasps(rng, count), rng.random(count) < 0.6
     checked = []
@@ -73,7 +73,7 @@ def test_the_grasps_that_stay_are_those_of_a_loop_over_all_sound_ones(seed, coun
     assert len(checked) == len(set(checked))  # none is checked twice
 
 
-def test_of_no_grasps_none_stays():
+def test_no_grasps_are_kept_of_none():
     assert (
         len(
             non_maximum_suppression(

@@ -40,7 +40,7 @@ def test_a_lying_object_turns_about_a_level_line_at_half_its_height(seed):
     assert nearest(starting_axes(NOTHING, points, normals, TABLE)[0], along, centre, 5) < 0.006
 
 
-def test_a_tin_of_which_only_the_lid_is_seen_turns_about_its_middle():
+def test_a_tin_whose_lid_alone_is_seen_turns_about_its_middle():
     rng = np.random.default_rng(0)
     flat = rng.uniform(-0.05, 0.05, (4000, 2))
     flat = flat[np.linalg.norm(flat, axis=1) < 0.05]
@@ -74,7 +74,7 @@ def test_axes_by_shape_do_not_depend_on_the_network():
         np.testing.assert_array_equal([one.axis, one.point], [other.axis, other.point])
 
 
-def test_the_middle_of_an_outline_is_that_of_its_circle_wherever_it_lies():
+def test_the_middle_of_an_outline_is_the_centre_of_its_circle_at_any_place():
     angle = np.linspace(0, 2 * np.pi, 100)
     ring = np.column_stack([0.04 * np.cos(angle), 0.04 * np.sin(angle), 0.1 * angle])
     rng = np.random.default_rng(2)

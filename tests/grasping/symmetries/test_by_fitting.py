@@ -9,7 +9,7 @@ from pipelines.grasping.symmetries.by_fitting import ACCEPTED, symmetries_by_fit
 from tests.geometry.tabletops import Ball, Box, Can
 from tests.grasping.seen_regions import seen
 
-NEAR, DEGREES = 0.002, 2.0  # metres; half-seen perfect shapes leave no more in doubt
+NEAR, DEGREES = 0.002, 2.0  # metres; the error that half-seen perfect shapes leave
 
 
 def angle_between(a, b):
@@ -17,7 +17,7 @@ def angle_between(a, b):
 
 
 def has_plane(found, normal, point):
-    """Whether an accepted plane of `found` is the one through `point`."""
+    """Return whether `found` accepts the plane through `point`."""
     return any(
         angle_between(plane.normal, normal) < DEGREES
         and abs((plane.point - point) @ plane.normal) < NEAR
@@ -71,7 +71,7 @@ def test_a_random_blob_has_no_accepted_symmetry():
 
 
 def test_the_table_side_of_a_plane_costs_confidence():
-    """Images beneath the table can not be real."""
+    """Images beneath the table cannot be real."""
     _, scene, region = seen([Box((0.1, 0.06, 0.08), yaw=0.5)])
     raised = scene.plane.__class__(scene.plane.normal, scene.plane.offset - 0.05)
     lifted = scene.__class__(scene.depth, scene.intrinsics, raised)

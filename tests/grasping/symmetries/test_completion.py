@@ -1,4 +1,4 @@
-"""The unseen sides of regions, and grasps that keep off those of their neighbours."""
+"""The unseen sides of regions, and grasps that keep clear of their neighbours' unseen sides."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ BEFORE = Can(0.03, 0.1, (0.02, -0.072, 0.0))  # nearer to the camera, its far si
 
 
 def seen(*cans):
-    """A scene of cans, their regions and what is known of their symmetry."""
+    """A scene of cans, their regions and their known symmetries."""
     depth, index = render(cans, POSE)
     scene = scene_of(depth, POSE)
     regions = [RegionCloud.from_mask(index == number, scene) for number in range(len(cans))]
@@ -39,7 +39,7 @@ def wall(can):
 
 
 def met(found, points):
-    """How many of `points` lie in the gripper's bodies at each grasp."""
+    """Return the number of `points` inside the gripper's bodies at each grasp."""
     grasps = found.grasps
     local = np.einsum("kpi,kij->kpj", points - grasps.translation[:, None], grasps.rotation)
     boxes = GRIPPER.boxes(grasps.width)[:, :, :, None]
@@ -66,30 +66,30 @@ def test_symmetries_fill_in_the_unseen_side():
     assert len(hidden_points(region, [], scene, RESOLUTION)) == 0
 
 
-def test_a_region_is_completed_by_its_own_symmetries_and_its_neighbours_by_theirs():
+def test_each_region_is_completed_by_its_own_symmetries():
     scene, regions, known = seen(TARGET, BEFORE)
     known = [replace(known[0], existence=0.4 * known[0].existence), known[1]]
     first, second = completed(regions, scene, known)
-    assert len(first.own) == 0  # not believed enough for its own grasps
+    assert len(first.own) == 0  # confidence too low for its own grasps
     for found, region, each in ((second.own, 1, known[1]), (second.others, 0, known[0])):
         expected = hidden_points(regions[region], each.between(0.3), scene, RESOLUTION)
-        assert len(expected) > 0  # the first's: enough for its neighbour's to keep off
+        assert len(expected) > 0  # enough for grasps of its neighbour to keep clear
         np.testing.assert_array_equal(found, expected)
     np.testing.assert_array_equal(first.others, second.own)
 
 
-def test_grasps_keep_off_the_unseen_side_of_a_neighbour():
+def test_grasps_keep_clear_of_the_unseen_side_of_a_neighbour():
     scene, regions, known = seen(TARGET, BEFORE)
     both = completed(regions, scene, known)[0]
     alone = Completion(both.own, np.zeros((0, 3)))
     plans = [planned(scene, regions[0], known[0], each) for each in (alone, both)]
     hits = [met(plan, wall(BEFORE)) for plan in plans]
-    assert hits[0].max() > 100  # the seen points do not show it
+    assert hits[0].max() > 100  # the seen points alone do not prevent a collision
     assert len(plans[1]) > 0
     assert hits[1].max() <= CONFIG.feasibility.max_points_inside
 
 
-def test_a_region_that_neighbours_would_leave_no_grasp_is_planned_without_them():
+def test_a_region_that_completed_neighbours_leave_no_grasp_is_planned_without_them():
     scene, regions, known = seen(TARGET, BEFORE)
     own = completed(regions, scene, known)[0].own
     rng = np.random.default_rng(0)

@@ -1,4 +1,4 @@
-"""Predicted symmetries are fitted to a rendered region, with a confidence that fits it."""
+"""Predicted symmetries are fitted to a rendered region and get a confidence."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ CRITICS = models.symmetry_critics()
 
 
 def view_of(shape):
-    """A scene with `shape` standing on a table, seen from above at 45 degrees; its pose."""
+    """A scene with `shape` on a table seen from 45 degrees above, its region and its pose."""
     table = trimesh.creation.box((1.0, 1.0, 0.01))
     height = -float(shape.bounds[0, 2])
     T_world_cam = np.eye(4)
@@ -116,7 +116,7 @@ def test_more_support_and_fewer_floating_images_mean_more_confidence():
         assert confidence > alone.best(CRITICS.axes)[1]
 
 
-def test_an_axis_that_several_starts_lead_to_has_all_their_sources():
+def test_an_axis_that_several_starts_reach_has_all_their_sources():
     axis, same = RotationSymmetry([0, 0, 1], [0, 0, 0]), RotationSymmetry([0, 0, -1], [0, 0, 0.1])
     beside = RotationSymmetry([0, 0, 1], [0.01, 0, 0])
     rows = np.array([[0.5, 0.8, 1.0], [0.5, 0.7, 1.0], [0.5, 0.3, 1.0]])
@@ -125,7 +125,7 @@ def test_an_axis_that_several_starts_lead_to_has_all_their_sources():
         assert found.best(CRITICS.axes)[2] == expected
 
 
-def test_symmetries_tell_whether_network_or_shape_proposed_them(box):
+def test_each_symmetry_names_network_or_shape_as_its_source(box):
     scene, region, pose = box
     across = ReflectionSymmetry([1, 0, 0], [0, 0, 0]).transformed(pose)
     slots = uncertain([across])

@@ -1,4 +1,4 @@
-"""Features of points and their mirror images hold what their names say, on a box that is known."""
+"""Features of points and their mirror images agree with their names, on a known box."""
 
 import numpy as np
 import pytest
@@ -51,7 +51,7 @@ def test_shapes_are_as_documented(box):
     assert plane_features(planes, box[1].points, box[0]).shape == (3, len(PLANE_FEATURES))
 
 
-def test_nothing_depends_on_the_normals_sign(box):
+def test_features_do_not_depend_on_the_normals_sign(box):
     planes = planes_of(box[2])
     turned = [ReflectionSymmetry(-plane.normal, plane.point) for plane in planes]
     np.testing.assert_allclose(rows_of(turned, box), rows_of(planes, box), atol=1e-5)
@@ -59,7 +59,7 @@ def test_nothing_depends_on_the_normals_sign(box):
     np.testing.assert_allclose(*both, atol=1e-6)
 
 
-def test_a_true_plane_sends_no_image_before_the_scene_or_beneath_the_table(box):
+def test_a_true_plane_has_no_image_in_front_of_the_scene_or_beneath_the_table(box):
     rows = rows_of(planes_of(box[2]), box)
     assert (rows[..., BEHIND] > -20 * 0.004).mean() > 0.97
     assert rows[..., IMAGE_HEIGHT].min() > -5 * 0.004
@@ -72,7 +72,8 @@ def test_a_true_plane_sends_no_image_before_the_scene_or_beneath_the_table(box):
 
 
 def test_points_and_images_have_their_heights_above_the_table(box):
-    level = planes_of(box[2])[2]  # a box of 12 cm on the table: heights of both add up to that
+    # The heights of a point and its image add up to the height of the box, 12 cm.
+    level = planes_of(box[2])[2]
     rows = rows_of([level], box)[0]
     np.testing.assert_allclose(rows[:, HEIGHT] + rows[:, IMAGE_HEIGHT], 5 * 0.12, atol=0.03)
     np.testing.assert_allclose(np.linalg.norm(rows[:, NORMAL], axis=1), 1.0, atol=1e-4)
@@ -92,7 +93,7 @@ def test_an_image_on_the_seen_surface_is_near_it_with_its_normal(box):
     assert on_face.sum() > 5
     assert np.median(rows[on_face, DISTANCE]) < 30 * 0.004
     assert np.abs(rows[on_face, GAP]).max() < 50 * 0.005
-    # Looked at from the other side; beyond an edge, the nearest point is another face's.
+    # Normals are mirrored; beyond an edge, the nearest point is on another face.
     assert (rows[on_face, AGREE] < -0.9).mean() > 0.8
     assert rows[on_face, MEASURED].mean() > 0.9
     assert rows[on_face, OWN].mean() > 0.9
@@ -107,7 +108,7 @@ def test_without_a_table_heights_are_zero(box):
 
 
 @pytest.mark.parametrize("far", [False, True], ids=["near", "beside the picture"])
-def test_rows_are_what_arrays_say_of_each_plane(box, far):
+def test_rows_of_each_plane_equal_those_of_numpy_arrays(box, far):
     scene, region, pose = box
     up = scene.plane.normal
     planes = [*planes_of(pose), ReflectionSymmetry(unit([1.0, 2.0, 0.5]), [0.9 * far, 0.0, 0.7])]

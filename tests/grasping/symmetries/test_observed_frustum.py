@@ -1,4 +1,4 @@
-"""The part of space that the depth image leaves open."""
+"""The space that the depth image leaves unobserved, where points may be real."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -14,7 +14,7 @@ SENSOR = SensorConfig()
 seeds = st.integers(0, 2**31)
 
 
-def test_points_that_float_before_the_surface_are_rejected():
+def test_points_that_float_in_front_of_the_surface_are_rejected():
     depth, _ = render([])
     scene = SceneCloud(depth, CAMERA)
     on_table = scene.xyz[120, 160]
@@ -41,7 +41,7 @@ def test_points_where_nothing_was_measured_may_be_real():
 
 @given(seeds, st.sampled_from([0.02, 0.3, 0.6]))
 @settings(max_examples=25, deadline=None)
-def test_the_nearest_pixel_about_a_point_decides(seed, unseen):
+def test_the_nearest_pixel_around_a_point_decides(seed, unseen):
     rng = np.random.default_rng(seed)
     camera = Intrinsics(900.0, 900.0, 15.0, 11.0, 32, 24)
     depth = rng.uniform(0.45, 0.6, (24, 32)) * (rng.uniform(size=(24, 32)) > unseen)
@@ -58,6 +58,6 @@ def test_the_nearest_pixel_about_a_point_decides(seed, unseen):
         assert real == (z > nearest - SENSOR.behind_tolerance - SENSOR.depth_noise * z**2)
 
 
-def test_no_points_are_accepted_too():
+def test_an_empty_set_of_points_is_accepted():
     scene = SceneCloud(render([])[0], CAMERA)
     assert in_observed_frustum(np.zeros((0, 3)), scene).shape == (0,)

@@ -1,4 +1,4 @@
-"""Planes that a region may have: those of boxes and cans are among them, from any side."""
+"""Candidate planes of a region include the planes of boxes and cans, from any side."""
 
 import numpy as np
 import pytest
@@ -48,7 +48,7 @@ def has_plane(planes, normal, point, degrees=4.0, offset=0.003):
 
 @settings(max_examples=25)
 @given(st.integers(0, 10_000))
-def test_all_planes_of_a_box_are_candidates_however_it_lies(seed):
+def test_all_planes_of_a_box_are_candidates_in_any_pose(seed):
     rng = np.random.default_rng(seed)
     size = rng.uniform(0.04, 0.12, 3)
     toward = rng.choice([-1.0, 1.0], 3) * rng.uniform(0.3, 1.0, 3)  # three faces are seen
@@ -88,7 +88,7 @@ def test_a_plane_that_shape_and_network_name_is_one_candidate_of_both():
     assert not has_plane(planes, NOTHING.direction[1], np.zeros(3), degrees=1.0)
 
 
-def test_the_axis_tells_where_the_middle_of_half_hidden_things_is():
+def test_the_axis_gives_the_middle_of_half_hidden_objects():
     points, normals = seen_box(
         np.array([0.05, 0.08, 0.1]), [0.0, -0.7, 0.7], np.random.default_rng(2)
     )
@@ -100,7 +100,7 @@ def test_the_axis_tells_where_the_middle_of_half_hidden_things_is():
         assert has_plane(found, [1.0, 0.0, 0.0], np.zeros(3)) == known
 
 
-def test_an_object_on_the_table_is_cut_at_half_its_height():
+def test_a_candidate_plane_cuts_an_object_on_the_table_at_half_its_height():
     rng = np.random.default_rng(1)
     points = rng.uniform(-1, 1, (500, 3)) * [0.03, 0.03, 0.0] + [0, 0, 0.12]
     assert halfway_up(points, Plane(np.array([0, 0, 1.0]), 0.0))[2] == pytest.approx(0.06)
@@ -113,7 +113,7 @@ def test_a_few_flying_pixels_do_not_move_the_middle():
     assert half_between_ends(points, np.array([[1.0, 0, 0]]))[0] == pytest.approx(0.05, abs=0.001)
 
 
-def test_level_directions_lie_in_the_table_and_face_directions_are_frames():
+def test_level_directions_are_parallel_to_the_table_and_face_directions_are_orthogonal():
     rng = np.random.default_rng(2)
     points, normals = seen_box(np.array([0.05, 0.08, 0.1]), [0.5, -0.7, 0.7], rng)
     table = Plane(unit([0.1, 0.2, 1.0]), 0.05)
@@ -126,7 +126,7 @@ def test_level_directions_lie_in_the_table_and_face_directions_are_frames():
         ].max() == pytest.approx(0.0, abs=1e-9)
 
 
-def test_of_planes_that_are_nearly_one_the_first_stays():
+def test_the_first_of_nearly_equal_planes_stays():
     plane = ReflectionSymmetry([1, 0, 0], [0, 0, 0])
     near = ReflectionSymmetry(unit([1, 0.1, 0]), [0.002, 0, 0])
     aside = ReflectionSymmetry([1, 0, 0], [0.02, 0, 0])
@@ -145,7 +145,7 @@ def test_of_planes_that_are_nearly_one_the_first_stays():
     st.sampled_from([0.01, 0.1, np.inf]),
     st.integers(0, 10_000),
 )
-def test_a_plane_is_kept_unless_one_that_is_kept_is_like_it(count, angle, offset, seed):
+def test_a_plane_is_kept_unless_a_kept_plane_is_close_to_it(count, angle, offset, seed):
     rng = np.random.default_rng(seed)
     normals, points = unit(rng.normal(size=(count, 3))), rng.normal(0, 0.1, (count, 3))
     planes = [ReflectionSymmetry(*each) for each in zip(normals, points, strict=True)]

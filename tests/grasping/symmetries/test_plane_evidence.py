@@ -1,4 +1,4 @@
-"""The evidence for mirror planes holds what its names say, and true planes are likely."""
+"""The evidence for mirror planes agrees with its names, and true planes are likely."""
 
 import numpy as np
 import pytest
@@ -64,7 +64,7 @@ def test_a_box_alone_shows_its_three_planes_without_a_network(box):
         assert best[1] > 0.3
 
 
-def test_true_planes_are_more_likely_than_the_same_beside_the_middle(box):
+def test_true_planes_are_more_likely_than_planes_shifted_from_the_middle(box):
     known = evidence_of(box)
     for truth in box_planes(box[2]):
         aside = ReflectionSymmetry(truth.normal, truth.point + 0.02 * truth.normal)
@@ -72,26 +72,26 @@ def test_true_planes_are_more_likely_than_the_same_beside_the_middle(box):
         assert right > 2 * wrong
 
 
-def test_of_oblique_planes_only_the_more_likely_is_kept(box, monkeypatch):
+def test_only_the_more_likely_of_oblique_planes_is_kept(box, monkeypatch):
     across, _, level = box_planes(box[2])
     up = level.normal
     oblique = [
         ReflectionSymmetry(rotation_about(up, np.radians(angle)) @ across.normal, across.point)
         for angle in (0.0, 45.0, 60.0, 90.0)
     ]
-    said = np.array([0.9, 0.8, 0.3, 0.2])
+    probability = np.array([0.9, 0.8, 0.3, 0.2])
     monkeypatch.setattr(
         "pipelines.grasping.symmetries.plane_evidence.fitted_planes",
         lambda _: (oblique, np.array([1, 2, 3, 1])),
     )
-    monkeypatch.setattr(type(CRITIC), "probability", lambda *_: said)
+    monkeypatch.setattr(type(CRITIC), "probability", lambda *_: probability)
     found = likely_planes(evidence_of(box), CRITIC)
-    assert [each for _, each, _ in found] == [0.9, 0.3]  # 90 degrees is within 30 of what is kept
+    assert [each for _, each, _ in found] == [0.9, 0.3]  # 90 degrees is within 30 of a kept one
     assert found[0][0] is oblique[0]
     assert [source for _, _, source in found] == [1, 3]
 
 
-def test_numbers_are_what_they_are_called(box):
+def test_numbers_agree_with_their_names(box):
     known, (across, along, level) = evidence_of(box), box_planes(box[2])
     row_level = row(level, known)
     assert row_level["tilt"] == pytest.approx(1.0, abs=1e-6)
@@ -110,15 +110,19 @@ def test_a_plane_that_the_network_names_is_a_candidate():
     across = ReflectionSymmetry(unit([1.0, 0.4, 0.1]), [0.0, 0.0, 0.6])
     rng = np.random.default_rng(0)
     points = rng.normal([0.0, 0.0, 0.6], 0.02, (300, 3))  # without faces, outline or table
-    said = SymmetrySlots(SILENT.existence.copy(), SILENT.point.copy(), SILENT.direction.copy())
-    said.existence[1], said.point[1], said.direction[1] = 0.9, across.point, across.normal
-    for slots, named in ((said, True), (SILENT, False)):
+    proposed = SymmetrySlots(SILENT.existence.copy(), SILENT.point.copy(), SILENT.direction.copy())
+    proposed.existence[1], proposed.point[1], proposed.direction[1] = (
+        0.9,
+        across.point,
+        across.normal,
+    )
+    for slots, named in ((proposed, True), (SILENT, False)):
         found, _ = candidate_planes(slots, UPRIGHT, points, unit(points), None)
         near = [abs(float(plane.normal @ across.normal)) > 0.9999 for plane in found]
         assert any(near) == named
 
 
-def test_without_a_table_nothing_is_level_and_planes_are_found(box):
+def test_without_a_table_no_plane_is_level_and_planes_are_found(box):
     scene, region, pose = box
     known = evidence_of((SceneCloud(scene.depth, scene.intrinsics, None), region, pose))
     values = features(fitted_planes(known)[0], known)
@@ -127,7 +131,7 @@ def test_without_a_table_nothing_is_level_and_planes_are_found(box):
     assert len(likely_planes(known, CRITIC)) == 3
 
 
-def test_a_moved_table_moves_only_what_is_about_the_table(box):
+def test_a_moved_table_changes_only_the_numbers_about_the_table(box):
     scene, region, pose = box
     lower = Plane(scene.plane.normal, scene.plane.offset + 0.02)
     low = evidence_of((SceneCloud(scene.depth, scene.intrinsics, lower), region, pose))

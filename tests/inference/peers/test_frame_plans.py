@@ -35,7 +35,7 @@ def plan(method, **settings):
     return Planner(config, load_gripper("rg2"), peer=method).plan(FRAME, np.random.default_rng(0))
 
 
-def test_grasps_lie_on_the_region_they_are_near_and_others_on_the_rest():
+def test_grasps_belong_to_the_region_they_are_near_and_others_to_the_rest():
     result = plan(Fixed([ON_BOX, OFF_BOX], [0.5, 0.9]))
     assert result.regions.source.tolist() == ["geometric", "rest"]
     assert result.grasps.region.tolist() == [0, 1]
@@ -45,7 +45,7 @@ def test_grasps_lie_on_the_region_they_are_near_and_others_on_the_rest():
     assert not (result.regions.mask(0, 320, 240) & result.regions.mask(1, 320, 240)).any()
 
 
-def test_without_grasps_beside_the_regions_there_is_no_rest():
+def test_there_is_no_rest_if_all_grasps_are_near_regions():
     assert plan(Fixed([ON_BOX], [0.5])).regions.source.tolist() == ["geometric"]
 
 
@@ -57,7 +57,7 @@ def test_a_frame_without_a_grasp_is_empty():
     )
 
 
-def test_of_alike_grasps_the_best_stays():
+def test_the_best_of_similar_grasps_stays():
     result = plan(Fixed([ON_BOX, ON_BOX + 0.01], [0.5, 0.9]))
     assert result.grasps.rank_score.tolist() == pytest.approx([0.9])
 
@@ -70,7 +70,7 @@ def test_no_more_than_300_grasps_are_kept():
 
 
 def test_our_selection_drops_grasps_that_collide_and_those_on_no_region():
-    """Of a grasp from above across the box, one a hand's breadth deeper, and one on the table."""
+    """A grasp across the box from above is kept; one 6 cm deeper and one on the table are not."""
     down = GraspPoses.from_contacts(
         transform_points(POSE, [[[-0.03, 0, z], [0.03, 0, z]] for z in (0.08, 0.02)]),
         np.tile(-POSE[:3, 2], (2, 1)),

@@ -18,7 +18,7 @@ TOWARD_CAMERA = int(generate_views()[:, 2].argmin())
 
 
 class AlwaysTheSame(GraspNetBaseline):
-    """Approaches along the camera's axis, at angle 3 and depth 2; every other seed is table."""
+    """Approaches along the camera's axis at angle 3, depth 2; every other seed is on the table."""
 
     def seeds(self, points):
         index = torch.arange(64)[None]
@@ -56,7 +56,7 @@ def test_hands_that_meet_the_cloud_are_dropped():
     assert len(grasps) == len(score) < 32
 
 
-def test_the_cloud_is_a_box_about_what_stands_on_the_table():
+def test_the_cloud_is_a_box_around_the_objects_on_the_table():
     pose, scene, _ = seen([Can(0.03, 0.12)])
     boxed = scene.xyz[boxed_points(scene)]
     local = (boxed - pose[:3, 3]) @ pose[:3, :3]

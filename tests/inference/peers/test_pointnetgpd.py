@@ -15,7 +15,7 @@ RG2 = load_gripper("rg2")
 
 
 class FullerIsBetter(PointNetGPD):
-    """Says how far the points lie along the approach."""
+    """A network whose score is the points' mean distance along the approach."""
 
     def forward(self, points):
         good = torch.sigmoid(100.0 * points[:, :, 0].mean(dim=1))

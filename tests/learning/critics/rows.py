@@ -1,4 +1,4 @@
-"""Rows of made-up candidates, whose truth follows from one coordinate of their points."""
+"""Rows of made-up candidates; one coordinate of their points determines their truth."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Rows of candidates: groups of different scenes stay apart, and unknown truth is left out."""
+"""Rows of candidates: groups of different scenes stay separate, unknown truth is left out."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from tests.learning.critics.rows import made_rows
 STAMP = make_stamp("train-critic", {})
 
 
-def test_groups_of_several_files_stay_apart_and_unknown_truth_is_left_out(tmp_path):
+def test_groups_of_several_files_stay_separate_and_unknown_truth_is_left_out(tmp_path):
     parts = [made_rows(CRITIC_KINDS["planes"], 2, 4, seed) for seed in (0, 1)]
     parts[1].truth[0] = np.nan
     paths = [tmp_path / "a.h5", tmp_path / "b.h5"]
@@ -24,7 +24,7 @@ def test_groups_of_several_files_stay_apart_and_unknown_truth_is_left_out(tmp_pa
         np.testing.assert_array_equal(getattr(found, name), np.concatenate(expected))
 
 
-def test_a_scene_without_candidates_has_a_file_too(tmp_path):
+def test_a_scene_without_candidates_gets_a_file_too(tmp_path):
     kind = CRITIC_KINDS["grasps"]
     none = CriticRows.none(8, kind.features)
     critic_rows.write(tmp_path / "none.h5", none, STAMP)

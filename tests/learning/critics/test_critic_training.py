@@ -1,4 +1,4 @@
-"""Critics are trained to choose: the loss of a choice, whole groups in a step, calibrated odds."""
+"""Training of critics: the loss of a choice, whole groups in a step, calibrated odds."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ def training(kind=GRASPS, config=CONFIG, **shape):
     return CriticTraining(kind, made_rows(kind, **shape), made_rows(kind, seed=1), config)
 
 
-def test_the_loss_of_a_choice_is_the_best_less_the_expected_truth_in_the_mean_over_groups():
+def test_the_loss_of_a_choice_is_the_mean_of_best_minus_expected_truth_over_groups():
     rng = np.random.default_rng(0)
     group = rng.permutation(np.repeat([3, 7, 20], [5, 1, 9]))
     logits, truth = rng.normal(scale=4.0, size=15), rng.random(15)
@@ -45,7 +45,7 @@ def test_choosing_the_best_loses_nothing_and_large_logits_do_not_overflow():
     assert torch.isfinite(best.grad).all()
 
 
-def test_a_step_of_grasps_takes_whole_groups_and_an_epoch_every_candidate_once():
+def test_a_step_of_grasps_takes_whole_groups_and_an_epoch_takes_every_candidate_once():
     trainee = training(groups=90, size=7)
     batches = trainee.epoch(0, np.random.default_rng(0))
     taken = [np.concatenate(batch) for batch in batches]
@@ -106,7 +106,7 @@ def test_dropped_numbers_are_drawn_from_the_given_generator():
     assert loss(0) == loss(0) != loss(1)
 
 
-def test_validation_calibrates_the_module_and_counts_what_choices_give():
+def test_validation_calibrates_the_module_and_scores_its_choices():
     trainee = training()
     figures = trainee.validate()
     critic, held = trainee.module.as_critic(), trainee.held
@@ -122,7 +122,7 @@ def test_validation_calibrates_the_module_and_counts_what_choices_give():
 
 
 @pytest.mark.parametrize("kind", [GRASPS, PLANES], ids=["grasps", "planes"])
-def test_a_trained_critic_chooses_well_among_candidates_never_seen(kind):
+def test_a_trained_critic_chooses_well_among_new_candidates(kind):
     trainee = training(kind)
     before = trainee.validate()
     optimizer = torch.optim.Adam(trainee.module.parameters(), CONFIG.learning_rate)

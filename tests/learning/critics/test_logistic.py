@@ -1,4 +1,4 @@
-"""Logistic regressions find the odds that made their truth; the best of each group is found."""
+"""Logistic regressions recover the odds behind their truth; the best of each group is found."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def drawn(count, seed=0, weights=WEIGHTS):
     return columns, (rng.random(count) < expit(odds)).astype(float)
 
 
-def test_the_regression_finds_the_weights_that_made_the_truth():
+def test_the_regression_recovers_the_weights_behind_the_truth():
     columns, truth = drawn(200_000)
     np.testing.assert_allclose(logistic_regression(columns, truth), WEIGHTS, atol=0.1)
 
@@ -38,13 +38,13 @@ def test_no_other_weights_have_a_smaller_loss():
             assert log_loss(weights[0] + columns @ weights[1:], truth) > least
 
 
-def test_a_column_that_says_nothing_gets_no_slope():
+def test_an_uninformative_column_gets_weight_zero():
     columns, truth = drawn(500)
     columns[:, 1] = 7.0
     assert logistic_regression(columns, truth)[2] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_the_best_of_each_group_is_found_the_first_of_equal_ones():
+def test_the_best_of_each_group_is_found_and_the_first_of_equal_ones():
     scores = np.array([0.1, 0.9, 0.9, 0.3, -1.0, -2.0])
     group = np.array([0, 0, 0, 5, 9, 9])
     assert best_of_groups(scores, group).tolist() == [1, 3, 4]
@@ -56,7 +56,7 @@ def rows_of(columns, truth, slot):
     return CriticRows.of_group(*empty, columns, truth, np.full(count, slot))
 
 
-def test_axes_are_fitted_to_those_that_the_fit_itself_prefers():
+def test_axes_are_fitted_to_the_axes_that_the_fit_prefers():
     rng, groups = np.random.default_rng(0), []
     for _ in range(400):
         columns = rng.random((3, 3))
@@ -74,7 +74,7 @@ def test_axes_are_fitted_to_those_that_the_fit_itself_prefers():
 
 
 @pytest.mark.parametrize("truth", [0.0, 1.0])
-def test_axes_or_spheres_that_are_all_alike_are_refused(truth):
+def test_axes_or_spheres_of_equal_truth_are_refused(truth):
     spheres = rows_of(*drawn(50), SPHERE_SLOT)
     axes = rows_of(np.random.default_rng(0).random((9, 3)), np.full(9, truth), ROTATION_SLOT)
     with pytest.raises(ValueRangeError, match=f"candidate axes is {int(9 * truth)} of 9 are true"):

@@ -1,4 +1,4 @@
-"""Verdicts on candidate symmetries: near a listed one, far from all, or not known."""
+"""Verdicts on candidate symmetries: near a listed one, far from all, or unknown."""
 
 import numpy as np
 
@@ -24,11 +24,11 @@ def test_an_axis_is_true_within_an_angle_and_a_distance_of_a_listed_one():
     assert axis_truth(RotationSymmetry(Z, ORIGIN), []) == 0.0
 
 
-def test_an_axis_that_repeats_in_steps_is_no_axis_of_revolution():
+def test_an_axis_of_discrete_turns_is_no_axis_of_revolution():
     assert axis_truth(RotationSymmetry(Z, ORIGIN), [RotationSymmetry(Z, ORIGIN, order=4)]) == 0.0
 
 
-def test_a_sphere_is_true_near_the_centre_and_of_a_ball_no_axis_is_known():
+def test_a_sphere_is_true_near_the_centre_and_every_axis_of_a_ball_is_unknown():
     ball = [SphereSymmetry(ORIGIN)]
     assert axis_truth(SphereSymmetry([0.019, 0, 0]), ball) == 1.0
     assert axis_truth(SphereSymmetry([0.021, 0, 0]), ball) == 0.0
@@ -49,7 +49,7 @@ def test_a_plane_is_true_near_a_listed_one_unknown_farther_off_and_false_elsewhe
     assert plane_truth(ReflectionSymmetry(Y, ORIGIN), region) == 0.0
 
 
-def test_a_plane_through_the_axis_of_a_can_follows_and_is_not_known():
+def test_a_plane_through_the_axis_of_a_can_follows_from_it_and_has_unknown_truth():
     region = box([RotationSymmetry(Z, ORIGIN)])
     assert np.isnan(plane_truth(ReflectionSymmetry(X, ORIGIN), region))
     assert plane_truth(ReflectionSymmetry(Z, [0, 0, 0.03]), region) == 0.0

@@ -1,4 +1,4 @@
-"""First weights of a detector: drawn from a seed, or given; foreign ones are refused."""
+"""First weights of a detector: drawn from a seed, or given; weights of others are refused."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ def test_a_seed_draws_the_same_detector_and_leaves_torchs_generator_alone():
     assert torch.equal(torch.get_rng_state(), before)
 
 
-def test_given_weights_are_taken_whole(tmp_path):
+def test_given_weights_are_taken_completely(tmp_path):
     path = tmp_path / "detector.safetensors"
     given = starting_detector(CONFIG, 5).state_dict()
     save_weights(path, given, weights_metadata(MODEL_NAME, CONFIG.detector))
@@ -32,7 +32,7 @@ def test_given_weights_are_taken_whole(tmp_path):
     assert all(torch.equal(found[name], given[name]) for name in given)
 
 
-def test_given_weights_of_another_detector_say_which(tmp_path):
+def test_given_weights_of_another_detector_are_refused_by_name(tmp_path):
     path = tmp_path / "detector.safetensors"
     given = starting_detector(CONFIG, 5).state_dict()
     save_weights(path, given, weights_metadata(MODEL_NAME, CONFIG.detector))
@@ -41,7 +41,7 @@ def test_given_weights_of_another_detector_say_which(tmp_path):
         starting_detector(other, 6, init=path)
 
 
-def test_two_streams_start_with_the_answers_of_a_detector_of_geometry(tmp_path):
+def test_two_streams_start_with_the_features_of_a_depth_detector(tmp_path):
     path = tmp_path / "detector.safetensors"
     geometry = starting_detector(CONFIG, 5).eval()
     save_weights(path, geometry.state_dict(), weights_metadata(MODEL_NAME, CONFIG.detector))
@@ -73,7 +73,7 @@ OLD_NAMES = {
 
 
 def as_published(state):
-    """Return a state_dict with the names of the file that torchvision publishes, of 2019."""
+    """Return a state_dict with the names of torchvision's published file of 2019."""
     renamed = {}
     for name, tensor in state.items():
         stem, _, last = name.rpartition(".")

@@ -12,7 +12,7 @@ def square(x, size=10):
     return mask
 
 
-def test_masks_that_agree_give_an_average_precision_of_one():
+def test_equal_masks_give_an_average_precision_of_one():
     masks = np.stack([square(5), square(30)])
     assert mask_figures([(masks, masks, np.array([0.9, 0.8]))])["mask_ap50"] == pytest.approx(1.0)
 
@@ -24,6 +24,6 @@ def test_a_missed_region_halves_recall_and_a_confident_false_one_costs_precision
     assert got["mask_ap50"] == pytest.approx(0.25, abs=0.01)
 
 
-def test_without_predictions_all_is_zero():
+def test_all_figures_are_zero_without_predictions():
     nothing = np.zeros((0, 40, 60), bool), np.zeros(0)
     assert mask_figures([(np.stack([square(5)]), *nothing)])["mask_ap50"] == 0.0

@@ -39,7 +39,7 @@ def heights(view):
 
 
 @pytest.mark.parametrize("zoom", [1.0, 1.3, 1.5])
-def test_the_slab_stays_as_high_over_the_table_in_every_view(view, zoom):
+def test_the_slab_keeps_its_height_over_the_table_in_every_view(view, zoom):
     moved = zoomed(mirrored(view), zoom, np.random.default_rng(1))
     height = heights(moved)
     inside = moved.regions > 0
@@ -54,7 +54,7 @@ def test_mirroring_twice_gives_the_frame_back(view):
     assert again.frame.intrinsics == view.frame.intrinsics
 
 
-def test_noise_takes_depth_away_and_never_adds_any(view):
+def test_noise_removes_depth_and_never_adds_any(view):
     depth = view.frame.depth.copy()
     depth[:10] = 0.0
     noisy = noisy_depth(depth, np.random.default_rng(0))
@@ -85,7 +85,7 @@ def test_colors_change_and_stay_colors(view):
         assert (after != before).any()
 
 
-def test_either_stream_is_lost_now_and_then_and_never_both(view):
+def test_one_stream_is_sometimes_dropped_and_never_both(view):
     image = as_example(view, "both").image
     lost = {"color": 0, "geometry": 0}
     for seed in range(200):

@@ -1,4 +1,4 @@
-"""One symmetry from those of many points."""
+"""The average of the symmetries that many points predict."""
 
 import torch
 
@@ -6,7 +6,7 @@ from pipelines.learning.grasp_network.region_figures import average_symmetries, 
 from pipelines.network.model import Prediction
 
 
-def test_opposite_normals_are_one_plane():
+def test_opposite_normals_give_one_plane():
     direction = torch.zeros(1, 4, 5, 3)
     direction[0, :, :, 0] = torch.tensor([1.0, -1.0, 1.0, -1.0])[:, None]
     center = torch.ones(1, 4, 5, 3)

@@ -1,4 +1,4 @@
-"""The grasp network's training as the engine sees it."""
+"""The grasp network's training, by the interface that the training loop uses."""
 
 from dataclasses import replace
 
@@ -37,14 +37,14 @@ def generators(count):
     return [np.random.default_rng((0, number)) for number in range(count)]
 
 
-def test_micro_batches_share_out_the_batch(regions):
+def test_micro_batches_divide_the_batch(regions):
     pieces = cut(np.arange(5), training(regions).micro_batch_size, Processes())
     assert [len(piece.items) for piece in pieces] == [3, 2]
     assert [piece.first for piece in pieces] == [0, 3]
     assert sum(piece.share for piece in pieces) == pytest.approx(1.0)
 
 
-def test_a_region_is_loaded_alike_whatever_stands_beside_it(regions):
+def test_a_region_is_loaded_independently_of_the_rest_of_its_batch(regions):
     trainee = training(regions)
     together = trainee.load(packed_items(np.arange(4)), generators(4)).tensors()
     alone = trainee.load(packed_items(np.array([2])), generators(4)[2:3]).tensors()
@@ -52,8 +52,8 @@ def test_a_region_is_loaded_alike_whatever_stands_beside_it(regions):
         torch.testing.assert_close(tensor[0], together[name][2])
 
 
-def test_big_and_accumulated_batches_have_one_gradient(regions):
-    """But for what is of a micro-batch: norms' statistics, the balance of Eq. 6, L^f's variance."""
+def test_big_and_accumulated_batches_have_the_same_gradient(regions):
+    """Except for parts of one micro-batch: norm statistics, balance of Eq. 6, L^f's variance."""
     config = replace(CONFIG, weight_affordance=0.0, weight_feature=0.0)
     results = {}
     for size in (2, 6):
@@ -73,7 +73,7 @@ def test_big_and_accumulated_batches_have_one_gradient(regions):
         torch.testing.assert_close(small, big, rtol=1e-3, atol=1e-5)
 
 
-def test_a_kept_batch_gives_its_loss_again(regions, tmp_path):
+def test_a_saved_batch_gives_the_same_loss_again(regions, tmp_path):
     trainee = training(regions)
     batch = trainee.load(packed_items(np.arange(3)), generators(3))
     terms = trainee.loss(trainee.module.train(), batch, torch.Generator())
@@ -117,7 +117,7 @@ def test_both_branches_learn_from_labels_and_features_agree_with_siamese_trainin
     assert loss_terms(trainee, relabelled)["parameters"] != shared["parameters"]
 
 
-def test_the_labels_of_a_scaled_sphere_are_not_looked_at(regions):
+def test_the_labels_of_a_scaled_sphere_are_not_used(regions):
     trainee = training(regions)
     sample = trainee.load(
         packed_items(np.arange(len(regions.indices))), generators(len(regions.indices))
@@ -135,14 +135,14 @@ def test_the_labels_of_a_scaled_sphere_are_not_looked_at(regions):
 def test_every_weight_gets_a_gradient(regions):
     trainee = training(regions)
     batch = trainee.load(packed_items(np.arange(3)), generators(3))
-    for pift in trainee.module.pifts:  # at the identity, what lies before has no gradient yet
+    for pift in trainee.module.pifts:  # at the identity, the layers before have no gradient yet
         torch.nn.init.normal_(pift.regress.weight, std=0.1)
     trainee.loss(trainee.module, batch, torch.Generator().manual_seed(0))["total"].backward()
     idle = [name for name, p in trainee.module.named_parameters() if p.grad is None]
     assert idle == []
 
 
-def test_validation_reports_all_kinds(regions):
+def test_validation_reports_figures_of_all_kinds(regions):
     trainee = training(regions)
     trainee.module.eval()
     figures = trainee.validate()

@@ -23,7 +23,7 @@ def test_a_perfect_prediction_has_perfect_figures():
     assert got["planes_found"] == 1.0
 
 
-def test_a_plane_far_off_is_not_found():
+def test_a_plane_far_off_counts_as_not_found():
     truth, figures = toy_batch(1, 64), RegionFigures()  # a box: three planes
     perfect = perfect_prediction(truth)
     center = perfect.center.clone()
@@ -45,7 +45,7 @@ def test_the_area_is_a_half_where_all_values_are_equal():
 
 @pytest.mark.gpu
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
-def test_figures_of_what_lies_on_a_gpu_are_those_on_the_cpu():
+def test_figures_of_tensors_on_a_gpu_equal_those_on_the_cpu():
     truth, sums = toy_batch(6, 64), []
     perfect = perfect_prediction(truth)
     for device in ("cpu", "cuda"):

@@ -1,4 +1,4 @@
-"""Which regions a batch is made of: packed, rendered, or both."""
+"""The regions of a batch: packed, rendered, or both."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ ENDLESS = EndlessConfig(scenes_together=3, regions_per_scene=4, epoch_regions=30
 
 
 class Rendered:
-    """Stands for an `EndlessPool`; a region says where it is from."""
+    """A stand-in for an `EndlessPool`, whose points encode the scene and slot of a region."""
 
     def __init__(self, region):
         self.some = region
@@ -48,14 +48,14 @@ def test_no_region_is_rendered_twice_and_no_scene_in_two_epochs():
         assert all(scenes[number].isdisjoint(other) for other in scenes[:number])
 
 
-def test_groups_of_scenes_follow_each_other_shuffled_within():
+def test_groups_of_scenes_come_in_order_and_are_shuffled_inside():
     items = rendered_items(2, 36, ENDLESS, rng())
     groups = items[:, 0] // ENDLESS.scenes_together
     assert groups.tolist() == sorted(groups.tolist())
     assert items[:12].tolist() != sorted(items[:12].tolist())
 
 
-def test_a_batch_has_its_share_of_each(packed):
+def test_a_batch_has_its_share_of_packed_and_rendered_regions(packed):
     config = replace(CONFIG, batch_size=6, endless=replace(ENDLESS, share=0.33))
     batches = TrainingRegions(packed, Rendered(None), config).epoch(0, rng())
     assert [int((batch[:, 0] != PACKED).sum()) for batch in batches] == [2] * 6
@@ -63,17 +63,17 @@ def test_a_batch_has_its_share_of_each(packed):
     own = shown[shown[:, 0] == PACKED, 1]
     assert len(set(own.tolist())) == len(own) == 24
     places = [np.flatnonzero(batch[:, 0] != PACKED).tolist() for batch in batches]
-    assert len({tuple(each) for each in places}) > 1  # mixed, so that micro-batches are alike
+    assert len({tuple(each) for each in places}) > 1  # mixed, so that micro-batches are similar
 
 
-def test_without_packed_regions_an_epoch_is_as_long_as_it_is_told():
+def test_without_packed_regions_an_epoch_has_the_configured_length():
     config = replace(CONFIG, batch_size=6, endless=replace(ENDLESS, share=1.0))
     batches = TrainingRegions(None, Rendered(None), config).epoch(1, rng())
     assert [batch.shape for batch in batches] == [(6, 2)] * 5
     assert all((batch[:, 0] != PACKED).all() for batch in batches)
 
 
-def test_items_are_loaded_from_where_they_are(packed):
+def test_each_item_is_loaded_from_its_own_source(packed):
     source = TrainingRegions(packed, Rendered(packed.reader[0]), CONFIG)
     items = np.concatenate([packed_items(np.array([5])), [[7, 2]]])
     batch = source.load(items, [rng(1), rng(1)])

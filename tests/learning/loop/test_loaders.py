@@ -1,4 +1,4 @@
-"""Batches: what is drawn, from where, and what becomes of faults."""
+"""Batches: their items, their sources, and the handling of faults."""
 
 import dataclasses
 import threading
@@ -79,7 +79,7 @@ def test_regions_are_centred_and_their_labels_with_them(reader, count):
         (batch.points[0, 0] - batch.center[0, 0]).numpy(),
         atol=1e-6,
     )
-    assert not batch.center[1, 1].any()  # a can has one plane: nan became zeros
+    assert not batch.center[1, 1].any()  # a can has one plane: nan is replaced by zeros
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -97,7 +97,7 @@ def test_points_and_labels_are_turned_to_the_table_together(reader, known):
     assert camera[5] == 0.0
 
 
-def test_a_share_of_the_tables_is_lost(reader):
+def test_a_share_of_the_tables_is_dropped(reader):
     plane = Plane(unit(np.array([0.2, -0.6, -0.7])), 0.6)
     region = dataclasses.replace(reader[0], table=table_row(plane))
     draws = (np.random.default_rng(i) for i in range(200))
@@ -121,7 +121,7 @@ def test_a_fault_while_loading_is_raised_where_its_batch_was_due():
         next(got)
 
 
-def test_a_prefetch_that_is_left_stops_its_thread():
+def test_a_prefetch_that_is_closed_stops_its_thread():
     loaded = []
     got = prefetch(lambda i: loaded.append(i) or i, range(1000))
     next(got)
@@ -136,7 +136,7 @@ def test_batches_loaded_ahead_come_in_the_order_of_their_steps(processes):
 
 
 @pytest.mark.parametrize("processes", [0, 2])
-def test_of_no_step_nothing_is_loaded_ahead(processes):
+def test_nothing_is_loaded_ahead_for_no_steps(processes):
     assert list(load_ahead(lambda step: step, range(0), processes)) == []
 
 
@@ -153,7 +153,7 @@ def test_a_fault_in_a_loading_process_names_its_cause():
     got.close()
 
 
-def test_a_batch_that_does_not_come_is_not_waited_for_once_the_training_is_to_stop():
+def test_a_training_that_is_to_stop_does_not_wait_for_a_missing_batch():
     never = threading.Event()
     got = load_ahead(lambda step: never.wait() if step else step, range(3), is_stopped=lambda: True)
     assert list(got) == [0]

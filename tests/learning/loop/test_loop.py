@@ -1,4 +1,4 @@
-"""The engine on a small problem whose answer is known: resume, threads, limits, faults."""
+"""The training loop on a small problem with a known answer: resume, threads, limits, faults."""
 
 import contextlib
 import itertools
@@ -81,7 +81,7 @@ class Line:
 
 
 class Restless(Line):
-    """Better in the middle of an epoch than at the end of any, and best at the end of the first."""
+    """Best in the middle of an epoch; of the ends of epochs, best at the first."""
 
     def validate(self):
         super().validate()
@@ -90,7 +90,7 @@ class Restless(Line):
 
 
 class Killed(BaseException):
-    """What a SIGKILL is to a test that wants to go on."""
+    """Raised in the place of a SIGKILL, so that the test goes on."""
 
 
 def new_run(output, trainee, config=CONFIG, request=REQUEST):
@@ -105,12 +105,12 @@ def trained(output, config=CONFIG, request=REQUEST, resume=False, trainee=None):
 
 
 def stop_after(run, steps):
-    """Let `run` believe that its time is over after `steps` steps."""
+    """Let `run` reach its time limit after `steps` steps."""
     run._why_stop = lambda: Reason.TIME_LIMIT if run.progress.total_steps >= steps else Reason.NONE
 
 
 def assert_same(first, second):
-    """Hold the kept weights and all tensors of the checkpoints against each other, bit for bit."""
+    """Assert that kept weights and all tensors of the checkpoints are equal, bit for bit."""
     assert first.read_bytes() == second.read_bytes()
     one, other = (load_weights(file_of_run(each, CHECKPOINT))[0] for each in (first, second))
     assert one.keys() == other.keys()
@@ -120,7 +120,7 @@ def assert_same(first, second):
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """What runs that never stopped give, by trainee."""
+    """Outputs of runs that never stopped, by trainee."""
     outputs = {}
     for kind in (Line, Restless):
         outputs[kind] = tmp_path_factory.mktemp("whole") / "line.safetensors"
@@ -140,14 +140,14 @@ def test_a_resumed_run_ends_with_the_same_bytes_as_one_that_never_stopped(
             run.resume()
         stop_after(run, count)
         assert not run.run().finished
-        assert output.exists()  # what was learned so far is there for those who do not go on
+        assert output.exists()  # the weights so far are there even if the run is not resumed
     _, progress = trained(output, resume=True, trainee=kind())
     assert progress.finished
     assert_same(output, whole[kind])
 
 
-def test_what_a_stop_leaves_may_be_better_than_any_end_of_an_epoch(tmp_path):
-    """The case that makes the test above worth something."""
+def test_weights_of_a_stopped_run_may_be_better_than_at_any_end_of_an_epoch(tmp_path):
+    """This case makes the test above meaningful."""
     run = new_run(tmp_path / "x.safetensors", Restless())
     stop_after(run, 14)
     progress = run.run()
@@ -159,11 +159,9 @@ def test_what_a_stop_leaves_may_be_better_than_any_end_of_an_epoch(tmp_path):
     max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(st.lists(st.integers(0, 45), max_size=3), st.sampled_from([Line, Restless]))
-@example(
-    [0, 5], Line
-)  # killed where a stop in an epoch's middle has judged the mean of the weights
+@example([0, 5], Line)  # killed after a stop within an epoch has validated the mean of the weights
 def test_a_run_killed_at_any_moment_and_resumed_gives_the_same_bytes(whole, moments, kind):
-    """Moments are counted in steps and in files written, a kill coming just before or after."""
+    """Moments are counted in steps and written files; a kill comes just before or after one."""
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "line.safetensors"
         for number, moment in enumerate(moments):
@@ -183,7 +181,7 @@ def test_a_run_killed_at_any_moment_and_resumed_gives_the_same_bytes(whole, mome
 
 
 def kill_at(run, moment):
-    """Let `run` die at its `moment`-th event: a step, or before or after it writes a file."""
+    """Kill `run` at its `moment`-th event: a step, or before or after it writes a file."""
     events = itertools.count()
 
     def dying(function):
@@ -227,7 +225,7 @@ class EndedError(Exception):
 
 @contextlib.contextmanager
 def ending_at_once(number):
-    """Expect that the handler of the command line ends what is within."""
+    """Expect that the command line's signal handler ends the code in this context."""
 
     def end(*_):
         raise EndedError
@@ -241,7 +239,7 @@ def ending_at_once(number):
 
 
 def signalled_by(number):
-    """Return what sends a signal, and is not gone on with."""
+    """Return a function that sends a signal, after which no code runs."""
 
     def signalled(*_):
         os.kill(os.getpid(), number)
@@ -271,7 +269,7 @@ def test_a_signal_before_the_first_step_ends_at_once(tmp_path, monkeypatch, numb
     assert not output.exists()
 
 
-def test_a_step_that_takes_long_is_abandoned_between_its_micro_batches(tmp_path, whole):
+def test_a_long_step_is_abandoned_between_its_micro_batches(tmp_path, whole):
     output, trainee = tmp_path / "line.safetensors", Line()
     loss, calls = trainee.loss, itertools.count()
 
@@ -290,7 +288,7 @@ def test_a_step_that_takes_long_is_abandoned_between_its_micro_batches(tmp_path,
     assert_same(output, whole[Line])
 
 
-def test_weights_that_are_gone_are_written_again_from_the_checkpoint(tmp_path, whole):
+def test_missing_weights_are_written_again_from_the_checkpoint(tmp_path, whole):
     output = tmp_path / "line.safetensors"
     for path in whole[Line], file_of_run(whole[Line], CHECKPOINT):
         shutil.copy(path, tmp_path)
@@ -306,7 +304,7 @@ def test_weights_that_are_gone_are_written_again_from_the_checkpoint(tmp_path, w
 
 @pytest.fixture
 def interruptible():
-    """SIGINT as Python handles it, even where a shell had it ignored."""
+    """Let Python handle SIGINT, even where a shell ignores it."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
@@ -338,7 +336,7 @@ def test_training_learns(tmp_path):
     assert progress.best < 0.3 * before
 
 
-def test_the_output_holds_the_best_weights_and_says_how_good_they_are(tmp_path):
+def test_the_output_holds_the_best_weights_and_their_validation_figures(tmp_path):
     run, progress = trained(tmp_path / "line.safetensors")
     tensors, metadata = load_weights(tmp_path / "line.safetensors")
     run.module.load_state_dict(tensors)
@@ -371,11 +369,11 @@ def test_a_loss_that_is_not_finite_stops_with_a_sentence_and_keeps_the_batch(tmp
     step = next(i for i, batch in enumerate(batches) if 33 in batch)
     number = list(batches[step]).index(33) // 4
     assert fault.place == (0, 0, step, number)
-    # The same items, drawn anew at that place, are the kept ones.
+    # The same items, drawn again at that place, equal the saved ones.
     items, first = batches[step][4 * number :][:4], 4 * number
     again = Line(33).load(items, [generator(0, 0, step, first + i) for i in range(4)])
     torch.testing.assert_close(again, fault.batch["x"], equal_nan=True)
-    # And the weights of that moment, untouched by it, are there to try it on.
+    # The weights before that batch are there to try the batch on.
     trainee.module.load_state_dict(dict(fault.weights))
     assert all(value.isfinite().all() for value in fault.weights.values())
 
@@ -398,7 +396,7 @@ def test_accumulated_gradients_are_those_of_the_whole_batch(size):
         micro_batch_size = size
 
         def loss(self, module, micro_batch, generator):
-            module.eval()  # batch norm's statistics are the one thing that is of a micro-batch
+            module.eval()  # only batch norm's statistics depend on the micro-batch
             return {"total": (module(micro_batch) - 2.0 * micro_batch).square().mean()}
 
     trainee = Plain()
@@ -414,7 +412,7 @@ def test_accumulated_gradients_are_those_of_the_whole_batch(size):
         torch.testing.assert_close(ours, theirs, rtol=1e-4, atol=1e-6)
 
 
-def test_an_unfinished_run_asks_what_to_do(tmp_path):
+def test_an_unfinished_run_is_refused_without_resume_or_overwrite(tmp_path):
     output = tmp_path / "line.safetensors"
     trained(output, request=replace(REQUEST, max_seconds=0.0))
     with pytest.raises(SymgraspError, match="--resume"):
@@ -436,7 +434,7 @@ def test_scalars_are_kept_for_tensorboard(tmp_path):
     assert list((tmp_path / "line.logs").glob("events*"))
 
 
-def test_a_training_that_starts_anew_is_the_only_one_in_its_curves(tmp_path):
+def test_the_curves_of_a_training_that_starts_anew_show_no_earlier_one(tmp_path):
     output, tag = tmp_path / "line.safetensors", "val/loss"
     for epochs in (3, 2):
         trained(output, replace(CONFIG, epochs=epochs))
@@ -448,7 +446,7 @@ def test_a_training_that_starts_anew_is_the_only_one_in_its_curves(tmp_path):
     assert steps == sorted(steps)
 
 
-def test_the_picture_of_a_resumed_run_is_that_of_a_whole_one(tmp_path, whole):
+def test_the_picture_of_a_resumed_run_equals_that_of_an_uninterrupted_one(tmp_path, whole):
     output = tmp_path / "line.safetensors"
     run = new_run(output, Line())
     stop_after(run, 20)  # the end of an epoch
@@ -457,6 +455,6 @@ def test_the_picture_of_a_resumed_run_is_that_of_a_whole_one(tmp_path, whole):
     assert file_of_run(output, CURVES).read_bytes() == file_of_run(whole[Line], CURVES).read_bytes()
 
 
-def test_places_draw_apart():
+def test_generators_of_different_places_draw_different_numbers():
     drawn = [generator(*each).random() for each in ((0, 1), (0, 1, 0), (1, 0), (0, 1, 0, 0))]
     assert len(set(drawn)) == 4

@@ -1,4 +1,4 @@
-"""GG-CNN's crops and maps, and a training that learns one frame by heart."""
+"""GG-CNN's crops and maps, and a training that overfits one frame."""
 
 import numpy as np
 import torch
@@ -31,7 +31,7 @@ def frame() -> dict[str, np.ndarray]:
     return {"depth": depth, "rows": rows.astype(np.float32)}
 
 
-def test_a_quarter_turn_moves_depth_and_grasp_alike():
+def test_a_quarter_turn_moves_depth_and_grasp_together():
     for turns in range(4):
         depth, maps = crop(frame(), 40, 0, 120, turns)
         y, x = np.nonzero(depth < -0.02)
@@ -57,12 +57,12 @@ def test_a_zoomed_grasp_opens_wider_in_the_crop():
     assert_allclose(zoomed.width.max(), 1.0)  # of 120 px at 300: 48 * 5 / 150, clipped
 
 
-def test_a_crop_depends_on_its_generator_alone():
+def test_a_crop_depends_only_on_its_generator():
     first, second = (random_crop(frame(), np.random.default_rng(3)) for _ in range(2))
     assert_allclose(first[0], second[0])
 
 
-def test_an_epoch_has_the_steps_that_are_left():
+def test_an_epoch_has_the_remaining_steps():
     config = TrainBaselineConfig(
         steps=5, epoch_steps=3, batch_size=2, learning_rate=1e-3, decay_steps=2
     )
@@ -72,7 +72,7 @@ def test_an_epoch_has_the_steps_that_are_left():
     assert sorted(np.concatenate(drawn_batches(4, config, 0, rng)[:2]).tolist()) == [0, 1, 2, 3]
 
 
-def test_it_learns_one_frame_by_heart():
+def test_the_network_overfits_one_frame():
     torch.manual_seed(0)
     network = GGCNN(CONFIG.network)
     small = stacked([crop(frame(), 40, 0, 120, 0)])

@@ -1,4 +1,4 @@
-"""Labels of GraspNet's baseline at the points of a frame, and a training that learns one."""
+"""Labels of GraspNet's baseline at the points of a frame, and a training that overfits one."""
 
 import numpy as np
 import pytest
@@ -43,21 +43,21 @@ def frame(root):
     return graspnet_frame_arrays(root, root.frame(frame_names()[0]))
 
 
-def test_what_holds_is_kept_with_its_friction_and_width(root):
+def test_holding_grasps_are_kept_with_their_friction_and_width(root):
     held = holding_cells(root.grasp_label_path(0))
     assert len(held.point) == NUM_LABELLED * 14_400
     assert set(held.friction.tolist()) == {round(100 * FRICTION[0])}
     assert set(held.width.tolist()) == {70}
-    assert not len(holding_cells(root.grasp_label_path(2)).point)  # nothing holds the ball
+    assert not len(holding_cells(root.grasp_label_path(2)).point)  # no grasp holds the ball
 
 
-def test_hands_that_meet_the_scene_are_no_labels(tmp_path):
+def test_colliding_hands_are_no_labels(tmp_path):
     root = write_root(tmp_path)
     write_labels(root, hindered={0, 1, 2})
     assert not len(graspnet_frame_arrays(root, root.frame(frame_names()[0]))["cell"])
 
 
-def test_labelled_points_lie_on_what_is_seen(frame):
+def test_labelled_points_are_on_the_seen_surface(frame):
     cloud = frame["cloud"] / 10_000.0
     away = np.linalg.norm(frame["points"][:, None] - cloud, axis=-1).min(axis=1)
     assert 0 < len(away) < 3 * NUM_LABELLED
@@ -65,7 +65,7 @@ def test_labelled_points_lie_on_what_is_seen(frame):
 
 
 def test_a_turned_cloud_has_the_labels_of_the_turned_views(frame):
-    """A hand's approach in the camera's frame is against the view that the array names."""
+    """A hand approaches, in the camera frame, against the view that the array names."""
     cloud = labelled_scene(frame, 2000, np.random.default_rng(0), turn=0.4)
     approach = cloud.turns[..., 0].numpy()
     named = -generate_views()[None]
@@ -75,12 +75,12 @@ def test_a_turned_cloud_has_the_labels_of_the_turned_views(frame):
     assert_allclose(determinant, 1.0, atol=1e-4)
 
 
-def test_values_are_logarithms_of_friction(frame):
+def test_grasp_values_are_logarithms_of_friction(frame):
     cloud = labelled_scene(frame, 500, np.random.default_rng(0), turn=0.0)
     assert_allclose(np.unique(cloud.value.numpy()), [0.0, np.log(2), np.log(5)], rtol=1e-6)
 
 
-def test_tolerance_ends_where_too_few_points_hold():
+def test_tolerance_ends_where_too_few_neighbours_hold():
     side = np.arange(0.0, 0.1, 0.004)
     points = np.stack(np.meshgrid(side, side), -1).reshape(-1, 2)
     points = np.pad(points, ((0, 0), (0, 1))).astype(np.float32)
@@ -93,12 +93,12 @@ def test_tolerance_ends_where_too_few_points_hold():
     assert found[rim].max() < 0.02
 
 
-def test_tolerances_of_sparse_labels_are_all_the_widest():
+def test_sparse_labels_all_have_the_widest_tolerance():
     found = tolerances(np.zeros((5, 3), np.float32), np.arange(5), np.zeros(5), np.full(5, 90))
     assert_allclose(found, 0.05)
 
 
-def test_frames_where_nothing_holds_are_refused(frame, tmp_path):
+def test_frames_without_a_holding_grasp_are_refused(frame, tmp_path):
     nothing = frame | {name: frame[name][:0] for name in ("cell", "point", "friction")}
     path = tmp_path / "scene_0000.h5"
     write_peer_frames(path, [nothing], make_stamp("test", {}))
@@ -106,7 +106,7 @@ def test_frames_where_nothing_holds_are_refused(frame, tmp_path):
         GraspNetTraining(FrameSets([(path, 0)], [(path, 0)]), CONFIG, CPU, Processes())
 
 
-def test_it_learns_one_frame_by_heart(frame, tmp_path):
+def test_the_network_overfits_one_frame(frame, tmp_path):
     torch.manual_seed(0)
     path = tmp_path / "scene_0000.h5"
     write_peer_frames(path, [frame], make_stamp("test", {}))

@@ -1,4 +1,4 @@
-"""Multi-Grasp's images and labels, turned together, and a training that learns."""
+"""Multi-Grasp's images and labels, turned together, and a training that overfits one frame."""
 
 import numpy as np
 import torch
@@ -25,7 +25,7 @@ def frame() -> dict[str, np.ndarray]:
     return {"pixels": pixels, "rows": rows.astype(np.float32)}
 
 
-def test_pixels_and_grasps_are_turned_alike():
+def test_pixels_and_grasps_are_turned_together():
     pixels, rows = moved_image(frame(), 90.0, np.array([3.0, -2.0]))
     y, x = np.nonzero(pixels[..., 2] > 100)
     assert_allclose(rows[0, :2], [x.mean(), y.mean()], atol=1.0)
@@ -44,7 +44,7 @@ def test_an_image_without_a_grasp_has_a_finite_loss():
     assert all(torch.isfinite(term) for term in terms.values())
 
 
-def test_it_learns_one_frame_by_heart():
+def test_the_network_overfits_one_frame():
     torch.manual_seed(0)
     network = build_multi_grasp(PeerNetworkConfig("light")).train()
     image = grasp_image(*moved_image(frame(), 0.0, STILL))

@@ -1,4 +1,4 @@
-"""PointNetGPD's labelled hands of a frame, and a training that learns them by heart."""
+"""PointNetGPD's labelled hands of a frame, and a training that overfits them."""
 
 import numpy as np
 import pytest
@@ -47,7 +47,7 @@ def test_hands_have_the_class_of_their_objects_label(root):
     assert (np.einsum("ni,ni->n", outward, toward_camera) > 0).mean() > 0.9
 
 
-def test_hands_that_meet_the_scene_are_no_examples(tmp_path):
+def test_colliding_hands_are_no_examples(tmp_path):
     root = write_root(tmp_path)
     write_labels(root, hindered={0})
     assert GOOD not in labelled_hands(root, root.frame(frame_names()[0])).kind
@@ -60,12 +60,12 @@ def test_half_of_the_drawn_hands_are_good_and_each_closes_on_enough_points(frame
     assert float(crops.points.abs().amax()) < 0.05
 
 
-def test_crops_depend_on_their_generator_alone(frame):
+def test_crops_depend_only_on_their_generator(frame):
     first, again = (drawn_crops(frame, 64, np.random.default_rng(5)) for _ in range(2))
     torch.testing.assert_close(first.points, again.points)
 
 
-def test_frames_without_labelled_hands_are_left_out_and_none_is_an_error(frame, tmp_path):
+def test_frames_without_labelled_hands_are_left_out_and_no_frames_are_an_error(frame, tmp_path):
     empty = frame | {"kind": frame["kind"][:0]}
     path = tmp_path / "scene_0000.h5"
     write_peer_frames(path, [frame, empty], make_stamp("test", {}))
@@ -76,7 +76,7 @@ def test_frames_without_labelled_hands_are_left_out_and_none_is_an_error(frame, 
         PointNetGPDTraining(FrameSets(both, second), CONFIG, CPU, Processes())
 
 
-def test_it_learns_some_hands_by_heart(frame):
+def test_the_network_overfits_some_hands(frame):
     torch.manual_seed(0)
     network = PointNetGPD(CONFIG.network)
     crops = drawn_crops(frame, 64, np.random.default_rng(0))

@@ -1,4 +1,4 @@
-"""SymmetryNet's regions with their truth, and a training that learns them by heart."""
+"""SymmetryNet's regions with their truth, and a training that overfits them."""
 
 import numpy as np
 import pytest
@@ -81,8 +81,8 @@ def test_frames_without_a_region_are_refused(tmp_path):
         SymmetryNetTraining(FrameSets([(path, 0)], [(path, 0)]), CONFIG, CPU, Processes())
 
 
-def told(seen):
-    """What points would say that know the truth; a `SymmetryOutput` of a batch."""
+def true_output(seen):
+    """Return the `SymmetryOutput` of a batch whose points predict the truth."""
     points, normal = seen.points[:, :, None], seen.direction[:, None]
     across = ((points - seen.place[:, None]) * normal).sum(-1, keepdim=True) * normal
     feet = -across[:, :, :3]
@@ -98,7 +98,7 @@ def told(seen):
 
 
 @pytest.mark.parametrize("is_noisy", [False, True])
-def test_points_that_know_the_truth_have_no_loss(regions, is_noisy):
+def test_points_that_predict_the_truth_have_no_loss(regions, is_noisy):
     rng = np.random.default_rng(0)
     drawn = (
         [drawn_region(each, regions[:2], 300, rng) for each in regions]
@@ -106,13 +106,13 @@ def test_points_that_know_the_truth_have_no_loss(regions, is_noisy):
         else [plain_region(each, 300) for each in regions]
     )
     seen = stacked_regions(drawn)
-    terms = symmetry_terms(lambda *_: told(seen), seen, CPU)
+    terms = symmetry_terms(lambda *_: true_output(seen), seen, CPU)
     assert float(terms["total"]) < 0.02
 
 
-def test_planes_may_be_said_in_any_order(regions):
+def test_planes_may_be_predicted_in_any_order(regions):
     seen = stacked_regions([plain_region(regions[BOX], 300)])
-    known, order = told(seen), [2, 0, 1]
+    known, order = true_output(seen), [2, 0, 1]
     turned = SymmetryOutput(
         known.center,
         known.mirrored[:, :, order],
@@ -137,7 +137,7 @@ def test_a_pasted_instance_takes_the_points_under_it(regions):
     assert min(counts) >= 0.5 * whole
 
 
-def test_it_learns_one_batch_by_heart(regions):
+def test_the_network_overfits_one_batch(regions):
     torch.manual_seed(0)
     network = SymmetryNet(PeerNetworkConfig())
     seen = stacked_regions([plain_region(each, 40) for each in regions])

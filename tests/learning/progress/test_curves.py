@@ -30,7 +30,7 @@ def test_a_long_history_is_thinned_and_keeps_its_mean(count):
     total = sum(history.train.get("total", [])) * history.every + history.pending.get("total", 0.0)
     assert total == pytest.approx(count * (count - 1) / 2)
     for x, y in history.curve("total"):
-        assert y == pytest.approx(x - 0.5)  # a point lies in the middle of its steps
+        assert y == pytest.approx(x - 0.5)  # a point is in the middle of its steps
 
 
 def test_a_history_survives_the_checkpoint():
@@ -43,7 +43,7 @@ def test_a_history_survives_the_checkpoint():
 
 
 @given(st.floats(-1e6, 1e6), st.floats(1e-6, 1e6))
-def test_ticks_are_few_round_and_within(low, span):
+def test_ticks_are_few_round_numbers_within_the_range(low, span):
     found = ticks(low, low + span)
     assert 2 <= len(found) <= 7
     slack = 1e-6 * (abs(low) + span)
@@ -51,7 +51,7 @@ def test_ticks_are_few_round_and_within(low, span):
     assert found[-1] <= low + span + slack
 
 
-def test_the_figure_that_decides_comes_first_and_train_and_val_share_a_chart():
+def test_the_deciding_figure_comes_first_and_train_and_val_share_a_chart():
     history = history_of([3.0, 2.0])
     history.add_figures(2, {"loss": 1.5, "angle": 20.0, "absent": math.nan})
     titles = [chart.title for chart in charts_of(history, "angle")]
@@ -70,7 +70,7 @@ def test_a_falling_loss_is_drawn_falling():
     assert rows[columns.argmin()] < rows[columns.argmax()]
 
 
-def test_the_picture_is_written_whole_and_only_if_there_is_something(tmp_path):
+def test_the_picture_is_written_whole_and_only_if_there_is_a_history(tmp_path):
     path = tmp_path / "x.curves.png"
     write_curves(path, History(), "loss")
     assert not path.exists()

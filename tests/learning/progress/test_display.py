@@ -7,7 +7,7 @@ from pipelines.learning.progress.display import Display
 LOSSES = {"total": 1.5, "part": 0.5}
 
 
-def test_without_a_terminal_there_are_lines(caplog, capsys):
+def test_without_a_terminal_progress_is_printed_as_lines(caplog, capsys):
     with caplog.at_level(logging.INFO), Display(shown=True, bar=False, seconds=0.0) as display:
         display.step("1/3", 5, 10, LOSSES, 90.0)
         display.say("validation after 5 steps")
@@ -17,7 +17,7 @@ def test_without_a_terminal_there_are_lines(caplog, capsys):
     ]
 
 
-def test_a_bar_shows_the_time_left_and_keeps_what_is_said(capsys):
+def test_a_bar_shows_the_time_left_and_keeps_printed_messages(capsys):
     with Display(shown=True, bar=True, seconds=0.0) as display:
         display.step("1/3", 5, 10, LOSSES, 90.0)
         display._bar.refresh()

@@ -1,4 +1,4 @@
-"""Trainings in processes of their own: two that share every batch, one that is killed."""
+"""Trainings in separate processes: two that share every batch, one that is killed."""
 
 import signal
 import subprocess
@@ -33,7 +33,7 @@ def packed(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def alone(packed, tmp_path_factory):
-    """The weights of one process that is let be."""
+    """The weights of one process that is not interrupted."""
     path = tmp_path_factory.mktemp("alone") / "network.safetensors"
     train.run(packed, None, path, CONFIG, REQUEST)
     return path
@@ -41,7 +41,7 @@ def alone(packed, tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def surroundings(monkeypatch):
-    """What a training in a process of its own finds around it."""
+    """The working folder and environment of a training in a separate process."""
     monkeypatch.chdir(ROOT)
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
@@ -49,8 +49,8 @@ def surroundings(monkeypatch):
 
 def test_two_processes_give_the_weights_of_one(packed, alone, tmp_path):
     output = tmp_path / "network.safetensors"
-    with signal_handlers_kept():  # torchrun itself, here: torch is loaded already
-        torchrun.main([*TWO, *TOYS, str(packed), str(output)])  # raises what a process ends with
+    with signal_handlers_kept():  # torchrun in this process: torch is loaded already
+        torchrun.main([*TWO, *TOYS, str(packed), str(output)])  # raises the error of a process
     expected, found = load_weights(alone)[0], load_weights(output)[0]
     for name, tensor in expected.items():
         torch.testing.assert_close(found[name], tensor, rtol=1e-4, atol=1e-5)
@@ -58,7 +58,7 @@ def test_two_processes_give_the_weights_of_one(packed, alone, tmp_path):
     assert len(logs) == 1  # only the first process writes
 
 
-def test_a_run_killed_in_mid_step_and_resumed_gives_the_same_bytes(packed, alone, tmp_path):
+def test_a_run_killed_within_a_step_and_resumed_gives_the_same_bytes(packed, alone, tmp_path):
     output = tmp_path / "network.safetensors"
     command = [sys.executable, *TOYS, packed, output, "--die-at", "6"]
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -88,7 +88,7 @@ def test_processes_share_a_batch_without_remainder(count):
     assert {piece.number: piece.items for piece in pieces} == alone
 
 
-def test_who_has_nothing_of_a_short_batch_adds_nothing():
+def test_a_process_without_a_part_of_a_short_batch_adds_nothing():
     (idle,) = cut([0, 1], 2, Processes(1, 2))
     assert idle.share == 0.0
 

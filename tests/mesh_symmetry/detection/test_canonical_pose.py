@@ -1,4 +1,4 @@
-"""One surface, however it is given: the same canonical mesh, the same symmetries."""
+"""Any mesh of one surface gives the same canonical mesh and the same symmetries."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ CONFIG = AnnotateSymmetryConfig()
 
 
 def dented_box() -> Mesh:
-    """A box with three planes up to dents, as a scan has them: nothing is exact."""
+    """A box with three planes up to dents like those of a scan: no plane is exact."""
     made = trimesh.creation.box((0.1, 0.07, 0.04)).subdivide().subdivide().subdivide().subdivide()
     rng = np.random.default_rng(5)
     vertices = made.vertices + rng.normal(size=made.vertices.shape) * 0.0004
@@ -44,7 +44,7 @@ def given_otherwise(mesh: Mesh, seed: int) -> tuple[Mesh, np.ndarray, np.ndarray
         SphereSymmetry([1.0, 2.0, 3.0], 0.01),
     ],
 )
-def test_a_symmetry_comes_back_from_the_canonical_pose_as_it_went(symmetry):
+def test_a_symmetry_survives_the_way_to_the_canonical_pose_and_back(symmetry):
     pose = CanonicalPose.of(given_otherwise(dented_box(), 1)[0])
     back = pose.given(pose.posed(symmetry))
     assert back.kind == symmetry.kind
@@ -54,7 +54,7 @@ def test_a_symmetry_comes_back_from_the_canonical_pose_as_it_went(symmetry):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_canonical_mesh_does_not_depend_on_how_the_surface_is_given(seed):
+def test_the_canonical_mesh_does_not_depend_on_pose_scale_and_order_of_the_given_mesh(seed):
     mesh = dented_box()
     first, second = CanonicalPose.of(mesh), CanonicalPose.of(given_otherwise(mesh, seed)[0])
     assert_allclose(first.mesh.triangles, second.mesh.triangles, atol=1e-9)
@@ -75,7 +75,7 @@ def test_symmetries_move_with_the_surface_to_a_hundredth_of_a_degree(seed):
         assert abs(offset @ other.direction) < 1e-5
 
 
-def test_symmetries_come_back_into_the_given_frame():
+def test_symmetries_are_returned_in_the_given_frame():
     box = dented_box()
     mesh = Mesh(box.vertices + np.array([0.3, -0.2, 0.5]), box.faces)
     pose, rng = CanonicalPose.of(mesh), np.random.default_rng(0)
@@ -91,6 +91,6 @@ def test_symmetries_come_back_into_the_given_frame():
         assert_allclose(pose.given(symmetry).counterpart(points), expected, atol=1e-12)
 
 
-def test_a_mesh_without_area_is_left_as_it_is():
+def test_a_mesh_without_area_is_not_changed():
     flat = Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]]))
     assert_allclose(CanonicalPose.of(flat).mesh.vertices, flat.vertices)

@@ -1,4 +1,4 @@
-"""Rotations that follow from mirrors and turns."""
+"""Rotations that follow from mirror planes and turns."""
 
 import numpy as np
 import pytest
@@ -68,7 +68,7 @@ def test_a_quarter_turn_about_two_axes_makes_the_24_of_a_cube():
     assert len(implied_rotations(cube).discrete) == 23
 
 
-def test_mirrors_at_an_odd_angle_are_no_group_and_end():
+def test_mirrors_at_an_odd_angle_form_no_group():
     odd = [*mirrors(X, rotation_about(Z, 0.3) @ X, rotation_about(Y, 0.7) @ X)]
     assert len(implied_rotations(odd).discrete) == 0
 
@@ -92,7 +92,7 @@ def test_a_round_axis_swaps_its_ends_only_with_a_mirror_across_it():
     assert np.allclose(flip[:3, :3] @ end + flip[:3, 3], PLACE + (0.04 - 0.05) * Z)
 
 
-def test_a_sphere_is_three_axes_through_its_centre():
+def test_a_sphere_gives_three_axes_through_its_centre():
     found = implied_rotations([SphereSymmetry(PLACE)])
     assert np.allclose([axis.axis for axis in found.continuous], np.eye(3))
     assert len(found.discrete) == 0
@@ -100,7 +100,7 @@ def test_a_sphere_is_three_axes_through_its_centre():
 
 @settings(max_examples=50, deadline=None)
 @given(seeds, st.integers(1, 11), st.integers(2, 12))
-def test_axis_angle_and_point_come_back_from_the_transform(seed, steps, order):
+def test_axis_angle_and_point_are_recovered_from_the_transform(seed, steps, order):
     rng = np.random.default_rng(seed)
     axis, point = random_rotation(rng)[0], rng.uniform(-1, 1, 3)
     angle = 2 * np.pi * (1 + steps % (order - 1)) / order if order > 2 else np.pi

@@ -9,7 +9,7 @@ from pipelines.mesh_symmetry.detection.surface import Surface, diameter
 from tests.geometry.symmetric_shapes import ball, box
 
 
-def test_the_distance_to_a_box_from_outside_is_that_to_its_clamped_point():
+def test_the_distance_to_a_box_from_outside_is_the_distance_to_the_clamped_point():
     rng, half = np.random.default_rng(0), np.array([0.06, 0.04, 0.025])
     points = rng.uniform(-0.15, 0.15, (400, 3))
     points = points[(np.abs(points) > half).any(axis=1)]
@@ -19,13 +19,13 @@ def test_the_distance_to_a_box_from_outside_is_that_to_its_clamped_point():
     assert_allclose(distance, expected, atol=2e-4)
 
 
-def test_normals_of_a_ball_look_away_from_its_centre():
+def test_normals_of_a_ball_point_away_from_its_centre():
     surface = Surface.from_mesh(ball(), 20000, np.random.default_rng(0))
     directions = surface.points / np.linalg.norm(surface.points, axis=1, keepdims=True)
     assert np.einsum("ij,ij->i", directions, surface.normals).min() > 0.99
 
 
-def test_the_diameter_does_not_turn_with_the_mesh():
+def test_the_diameter_does_not_change_when_the_mesh_turns():
     rng, corners = np.random.default_rng(0), box(0.3, 0.4, 1.2).vertices
     T = make_pose(random_rotation(rng), rng.normal(size=3))
     assert_allclose(diameter(corners), 1.3)
@@ -37,7 +37,7 @@ def test_the_diameter_of_a_flat_sheet_is_its_diagonal():
     assert_allclose(diameter(sheet), 5.0)
 
 
-def test_the_tip_of_a_cone_counts_among_thousands_of_corners():
+def test_the_diameter_includes_the_tip_of_a_cone_among_thousands_of_corners():
     cone = trimesh.creation.cone(0.03, 0.2, sections=2400)
     assert_allclose(diameter(np.asarray(cone.vertices)), np.hypot(0.03, 0.2), rtol=1e-9)
 

@@ -67,7 +67,7 @@ def test_a_box_has_its_three_planes_and_no_continuous_axis():
     assert all(axis.order is not None for axis in axes_of(found))
 
 
-def test_the_planes_of_a_cube_are_those_its_faces_look_along():
+def test_the_planes_of_a_cube_are_parallel_to_its_faces():
     found = detect(box(0.06, 0.06, 0.06))
     normals = np.abs([plane.normal for plane in planes_of(found)])
     assert_allclose(np.sort(normals.max(axis=1)), 1.0, atol=1e-3)
@@ -90,7 +90,7 @@ def test_a_cone_has_its_axis_and_no_plane():
     assert found[0].order is None
 
 
-def test_a_hexagonal_prism_turns_in_six_steps_and_not_continuously():
+def test_a_hexagonal_prism_has_a_sixfold_axis_and_no_continuous_one():
     found = detect(hex_prism())
     (axis,) = axes_of(found)
     assert axis.order is not None
@@ -120,7 +120,7 @@ def test_the_symmetries_move_with_the_mesh(shape, seed):
     mesh, T = shape(), make_pose(random_rotation(rng), rng.normal(size=3))
     expected = [symmetry.transformed(T) for symmetry in symmetries_of(shape)]
     found = detect(mesh.transformed(T))
-    if shape is hex_prism:  # any two upright planes at right angles will do
+    if shape is hex_prism:  # any two upright planes at right angles are right
         assert [s.kind for s in found] == [s.kind for s in expected]
         return
     assert_same_symmetries(found, expected, mesh.diagonal)
@@ -174,13 +174,13 @@ def test_a_body_known_to_be_round_gets_its_own_axis_from_a_rough_guess():
     assert angle_deg(plane.normal, Z) < 0.1
 
 
-def test_a_guess_that_does_not_hold_stands_where_nothing_better_is_found():
+def test_a_wrong_guess_is_kept_where_no_better_axis_is_found():
     guess = RotationSymmetry(Z, np.zeros(3))
     axis = analyse_body(box(), guess, QUICK, np.random.default_rng(0))[-1]
     assert angle_deg(axis.axis, Z) < 1e-6
     assert axis.error > 0.03
 
 
-def test_a_body_that_is_a_ball_is_a_sphere():
+def test_a_body_with_the_shape_of_a_ball_is_a_sphere():
     found = analyse_body(ball(), RotationSymmetry(Z, np.zeros(3)), QUICK, np.random.default_rng(0))
     assert [each.kind for each in found] == ["sphere"]

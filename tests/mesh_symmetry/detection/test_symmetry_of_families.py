@@ -1,4 +1,4 @@
-"""Detection finds the symmetries that the families of later sets have by construction."""
+"""Detection of the symmetries that families of later object sets have by construction."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def kinds(symmetries):
 
 
 @pytest.mark.parametrize("family", [*WIDER_FAMILIES, *SEALED])
-def test_what_is_found_is_what_was_built(family):
+def test_the_symmetries_by_construction_are_found(family):
     shape = make_shape(family, np.random.default_rng([11, 0]))
     found = analyse(shape.solid.mesh(), QUICK, np.random.default_rng(0)).symmetries
     assert kinds(found) == kinds(shape.symmetries)

@@ -1,4 +1,4 @@
-"""Flat surfaces without thickness: beyond their rim there is nothing."""
+"""Symmetries of flat surfaces without thickness."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def test_a_card_has_two_mirrors_and_no_continuous_axis(size):
     assert [s.order for s in found if s.kind == "rotation"] == [2]
 
 
-def test_a_card_in_any_pose_is_the_same_card():
+def test_a_card_has_the_same_symmetries_in_any_pose():
     pose = make_pose(random_rotation(np.random.default_rng(4)), np.array([0.3, -0.2, 1.0]))
     assert_along(normals_of(detect(card().transformed(pose))), pose[:3, :2].T)
 
@@ -43,7 +43,7 @@ def test_a_disc_keeps_its_axis():
     assert abs(axis.axis[2]) > 0.9999
 
 
-def test_a_kite_has_the_mirror_along_it_alone():
+def test_a_kite_has_only_the_mirror_plane_along_it():
     kite = sheet([(0.06, 0.0), (0.0, 0.03), (-0.03, 0.0), (0.0, -0.03)])
     found = detect(kite)
     assert_along(normals_of(found), [(0.0, 1.0, 0.0)])

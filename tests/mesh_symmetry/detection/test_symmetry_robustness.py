@@ -1,4 +1,4 @@
-"""Detection on meshes as they come: noisy, holed, open, scaled, badly tessellated."""
+"""Detection on imperfect meshes: noisy, holed, open, scaled, badly tessellated."""
 
 import functools
 
@@ -23,7 +23,7 @@ HOLE_SHARE = 0.12  # of the area
 
 
 def fine(mesh, edge=0.006):
-    """The same surface with triangles of at most `edge` metres a side."""
+    """The same surface with triangles whose sides are at most `edge` metres."""
     vertices, faces = trimesh.remesh.subdivide_to_size(mesh.vertices, mesh.faces, edge)
     made = trimesh.Trimesh(vertices, faces, process=False)
     made.merge_vertices()
@@ -78,12 +78,12 @@ def doubled(mesh):
 
 @functools.cache
 def plain(shape):
-    """The symmetries of a shape as it is."""
+    """The symmetries of a shape without defects."""
     return detect(shape())
 
 
 @pytest.mark.parametrize("spoiled", [noisy, holed])
-def test_noise_and_holes_hide_neither_planes_nor_axis(spoiled):
+def test_planes_and_axes_are_found_despite_noise_and_holes(spoiled):
     planes = planes_of(detect(spoiled(box())))
     assert len(planes) == 3
     for plane in planes:
@@ -95,7 +95,7 @@ def test_noise_and_holes_hide_neither_planes_nor_axis(spoiled):
 
 
 @pytest.mark.parametrize("spoiled", [noisy, holed])
-def test_noise_and_holes_make_no_symmetries_of_an_l(spoiled):
+def test_noise_and_holes_add_no_symmetries_to_an_l(spoiled):
     found = detect(spoiled(l_shape()))
     (plane,) = planes_of(found)
     assert angle_deg(plane.normal, [0, 0, 1]) < 1.5
@@ -107,8 +107,8 @@ def test_a_box_without_its_bottom_keeps_its_upright_planes():
     assert normals[:, :2].max(axis=0).min() > 0.9999
 
 
-def test_a_handle_is_no_hole():
-    # The body alone is round; a hole elsewhere does not excuse what the handle misses.
+def test_a_handle_is_not_excused_like_a_hole():
+    # The body alone is round; a hole elsewhere does not excuse the misses of the handle.
     handle = trimesh.creation.box((0.03, 0.012, 0.05))
     handle.apply_translation((0.04, 0.0, 0.0))
     body = trimesh.creation.cylinder(0.03, 0.1, sections=64)
@@ -118,7 +118,7 @@ def test_a_handle_is_no_hole():
 
 
 @pytest.mark.parametrize("blades", [2, 3])
-def test_a_propeller_turns_but_has_no_mirror(blades):
+def test_a_propeller_has_an_axis_but_no_mirror_plane(blades):
     (axis,) = detect(propeller(blades))
     assert isinstance(axis, RotationSymmetry)
     assert axis.order == blades
@@ -127,7 +127,7 @@ def test_a_propeller_turns_but_has_no_mirror(blades):
 
 @pytest.mark.parametrize("other", [unwelded, half_flipped, doubled])
 @pytest.mark.parametrize("shape", [cylinder, l_shape])
-def test_how_faces_are_stored_changes_nothing(shape, other):
+def test_the_storage_of_faces_does_not_change_symmetries(shape, other):
     mesh = shape()
     assert_same_symmetries(detect(other(mesh)), plain(shape), mesh.diagonal)
 

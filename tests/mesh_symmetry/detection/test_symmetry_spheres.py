@@ -25,14 +25,14 @@ def test_a_hollow_ball_is_a_sphere(wall):
     assert found.error < 0.02
 
 
-def test_a_body_that_is_a_hollow_ball_is_a_sphere():
+def test_a_body_with_the_shape_of_a_hollow_ball_is_a_sphere():
     guess = RotationSymmetry(Z, np.zeros(3))
     (found,) = analyse_body(hollow_ball(), guess, QUICK, np.random.default_rng(0))
     assert found.kind == "sphere"
 
 
 @pytest.mark.parametrize("wall", [0.0, 0.0033])
-def test_a_deep_bowl_turns_about_its_axis_alone(wall):
+def test_a_deep_bowl_has_only_its_axis(wall):
     whole = hollow_ball(0.033, wall) if wall else ball(0.033)
     bowl = whole.submesh(whole.triangles.mean(axis=1)[:, 2] > -0.0165)
     assert "sphere" not in kinds(bowl)

@@ -31,7 +31,7 @@ def doubled(mesh):
 
 @pytest.mark.parametrize("spoil", [lambda mesh: mesh, unwelded, with_split_face, doubled])
 @pytest.mark.parametrize("shape", [box, cylinder, ball])
-def test_a_closed_surface_has_no_rim_however_it_is_tessellated(shape, spoil):
+def test_a_closed_surface_has_no_rim_for_any_tessellation(shape, spoil):
     assert len(OpenBoundary.of(spoil(shape())).points) == 0
 
 
@@ -50,7 +50,7 @@ def test_points_near_the_rim_are_those_within_reach():
     assert np.isinf(OpenBoundary.of(box()).distances(points, 1.0)).all()
 
 
-def test_a_dent_beside_a_hole_is_not_cut_off_with_it():
+def test_a_dent_next_to_a_hole_is_not_cut_off_with_it():
     links = np.array([(i, i + s) for i in range(12) for s in (-1, 1) if 0 <= i + s < 12])
     in_hole, in_dent = (np.isin(np.arange(12), some) for some in ([3, 4, 5], [6, 7, 8, 9]))
     at_rim = np.isin(np.arange(12), [2, 3, 5])

@@ -16,11 +16,11 @@ def bodies_of(mesh, seed):
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_columns_that_stand_alone_are_bodies_whatever_samples_are_drawn(seed):
+def test_separate_columns_are_bodies_for_any_samples(seed):
     assert len(bodies_of(crossed_columns(), seed)) == 2
 
 
-def test_a_body_that_stands_alone_is_all_of_it():
+def test_a_separate_body_includes_all_its_triangles():
     for seed in range(4):
         members = np.sum([body.members for body in bodies_of(crossed_columns(), seed)], axis=0)
         assert members.min() == members.max() == 1

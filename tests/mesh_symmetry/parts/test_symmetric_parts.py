@@ -55,14 +55,14 @@ def regions_of_mug(mug):
     return regions_of(mug)[1]
 
 
-def test_an_object_of_mirror_planes_is_one_region():
+def test_an_object_with_mirror_planes_is_one_region():
     symmetries, (whole,) = regions_of(box())
     assert whole.name == "whole"
     assert whole.symmetries == tuple(symmetries)
     assert len(whole.triangles) == len(box().faces)
 
 
-def test_an_object_with_nothing_symmetric_is_one_region_without_symmetries():
+def test_an_asymmetric_object_is_one_region_without_symmetries():
     symmetries, (whole,) = regions_of(pebble())
     assert (symmetries, whole.symmetries) == ([], ())
 
@@ -76,7 +76,7 @@ def test_a_mug_is_a_body_of_revolution_and_a_handle(mug, regions_of_mug):
     assert mug.face_areas[handle.triangles].sum() < 0.15 * mug.area
 
 
-def test_a_handle_keeps_the_plane_of_its_mug(regions_of_mug):
+def test_a_handle_has_the_mirror_plane_of_its_mug(regions_of_mug):
     planes = [plane for plane in regions_of_mug[1].symmetries if plane.kind == "reflection"]
     assert max(abs(plane.normal[1]) for plane in planes) > np.cos(np.radians(1.0))
 
@@ -109,7 +109,7 @@ def test_a_hexagonal_column_is_no_body_of_revolution():
     assert all(getattr(symmetry, "order", 0) is not None for symmetry in symmetries)
 
 
-def test_a_ball_beside_a_box_is_a_sphere_and_a_region_of_three_planes():
+def test_a_ball_and_a_box_are_a_sphere_and_a_region_of_three_planes():
     symmetries, regions = regions_of(ball_beside_box())
     assert symmetries == []
     assert ["sphere"] in [kinds(region) for region in regions]
@@ -121,7 +121,7 @@ def test_regions_do_not_share_triangles(regions_of_mug):
     assert len(np.unique(triangles)) == len(triangles)
 
 
-def test_triangles_turned_inside_out_change_nothing(mug, regions_of_mug):
+def test_triangles_turned_inside_out_do_not_change_the_regions(mug, regions_of_mug):
     turned = np.random.default_rng(0).uniform(size=len(mug.faces)) < 0.3
     faces = np.where(turned[:, None], mug.faces[:, ::-1], mug.faces)
     regions = regions_of(Mesh(mug.vertices, faces))[1]
@@ -135,7 +135,7 @@ def regions_of_shape(shape):
 
 
 @pytest.mark.parametrize("shape", [pronged_column, finned_box])
-def test_the_planes_of_a_part_hold_on_all_of_it_with_their_stated_error(shape):
+def test_the_planes_of_a_part_hold_on_the_whole_part_with_their_stated_error(shape):
     mesh = shape()
     regions = [region for region in regions_of_shape(shape) if region.name != "whole"]
     assert any("reflection" in kinds(region) for region in regions)
@@ -148,7 +148,7 @@ def test_the_planes_of_a_part_hold_on_all_of_it_with_their_stated_error(shape):
                 assert_allclose(plane.error, measure.error, atol=0.003)
 
 
-def test_a_scrap_that_a_part_is_not_symmetric_with_is_in_no_region():
+def test_a_fin_that_breaks_the_symmetry_of_a_part_is_in_no_region():
     mesh = finned_box()
     (part,) = regions_of_shape(finned_box)
     assert kinds(part).count("reflection") == 3
@@ -156,7 +156,7 @@ def test_a_scrap_that_a_part_is_not_symmetric_with_is_in_no_region():
     assert not np.intersect1d(part.triangles, fin).size
 
 
-def test_of_the_planes_offered_those_hold_that_the_surface_has_with_its_own_error():
+def test_only_true_planes_of_the_offered_ones_hold_with_their_measured_error():
     middle, beside = np.zeros(3), np.array([0.0, 0.01, 0.0])
     offered = [
         ReflectionSymmetry(normal, point, 0.5)
@@ -167,7 +167,7 @@ def test_of_the_planes_offered_those_hold_that_the_surface_has_with_its_own_erro
     assert held.error < 0.005
 
 
-def test_a_part_that_gets_hardly_a_triangle_of_a_coarse_mesh_has_no_symmetry():
+def test_a_part_with_hardly_a_triangle_of_a_coarse_mesh_has_no_symmetry():
     mesh = three_boxes()
     for region in regions_of(mesh)[1]:
         if region.symmetries:

@@ -1,7 +1,7 @@
-"""Symmetries found on objects made by hand: `python -m tests.mesh_symmetry.varied SEED...`.
+"""Symmetries found on constructed objects: `python -m tests.mesh_symmetry.varied SEED...`.
 
-Each seed draws 17 bodies of revolution and 13 other objects; each is annotated as it is, with noise
-and with a hole. Prints every fault, and a table for all seeds.
+Each seed draws 17 bodies of revolution and 13 other objects; each is annotated unchanged, with
+noise and with a hole. The command prints every fault, and a table for all seeds.
 """
 
 import sys
@@ -51,7 +51,7 @@ def counted(variant: str, seed: int) -> Counter[str]:
         found = detect_symmetries(mesh, AnnotateSymmetryConfig(), np.random.default_rng(0))
         tally = judged(replace(truth, mesh=mesh), found)
         total += tally
-        if faults := [what for what in tally if tally[what] and " " in what]:
+        if faults := [fault for fault in tally if tally[fault] and " " in fault]:
             sys.stderr.write(f"{variant} {seed} {name}: {', '.join(faults)}\n")
     return total
 
@@ -65,7 +65,7 @@ def objects(seed: int) -> Iterator[tuple[str, Varied]]:
 
 
 def generator(draw: Callable[..., object], seed: int) -> np.random.Generator:
-    """Return the random numbers from which the object of `draw` is made."""
+    """Return the random generator of the object of `draw`."""
     return np.random.default_rng(zlib.crc32(f"{draw.__name__} {seed}".encode()))
 
 

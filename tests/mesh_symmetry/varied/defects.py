@@ -1,6 +1,6 @@
 """Defects of real objects: bent, dented, engraved, sewn together by a scanner, noisy, with holes.
 
-A defect is a map from vertices (n, 3) to vertices, sizes in shares of the bounding box's diagonal.
+A defect maps vertices (n, 3) to vertices; sizes are shares of the bounding box's diagonal.
 The upright axis is z.
 """
 
@@ -79,7 +79,7 @@ def lipped(points: Array, height: float, rng: np.random.Generator) -> Array:
 
 
 def lumpy(points: Array, height: float, rng: np.random.Generator) -> Array:
-    """Return `points` with low bumps all over, as of fruit."""
+    """Return `points` with low bumps all over, like fruit."""
     size, middle = size_of(points), points.mean(axis=0)
     arm = points - middle
     outward = arm / np.maximum(np.linalg.norm(arm, axis=1), 1e-12)[:, None]
@@ -118,8 +118,8 @@ def holed(
 ) -> Mesh:
     """Return `mesh` without the surface around a random place.
 
-    The place is in the half away from `feature`, without which the object would be another one. The
-    surface stays at `images`, where a symmetry that is none would need another such feature.
+    The place is in the half away from `feature`, which breaks some symmetries. The surface stays
+    at `images` too, where each broken symmetry would need another such feature.
     """
     mesh = _divided(mesh, HOLED_FACES)
     centers, area = mesh.triangles.mean(axis=1), mesh.face_areas
@@ -150,7 +150,7 @@ def _cylinder(points: Array) -> tuple[Array, Array, Array]:
 
 
 def _outward(points: Array, shift: Array) -> Array:
-    """Return `points` moved by `shift` (n,) away from z; those on it stay."""
+    """Return `points` moved by `shift` (n,) away from the z axis; points on the axis stay."""
     radius = np.hypot(points[:, 0], points[:, 1])
     scale = np.where(radius > 1e-9, (radius + shift) / np.maximum(radius, 1e-9), 1.0)
     return points * np.column_stack([scale, scale, np.ones(len(points))])

@@ -16,11 +16,11 @@ from tests.mesh_symmetry.varied import defects
 from tests.mesh_symmetry.varied.shapes import Plane, Varied
 
 MAX_DEG, MAX_OFFSET = 5.0, 0.02  # of the diagonal
-SLOTS = 3  # planes that are asked for at most
+SLOTS = 3  # the largest number of requested planes
 
 
 def judged(truth: Varied, found: Sequence[Symmetry]) -> Counter[str]:
-    """Return how many of `found` are true and false, and what is missed, by kind."""
+    """Return the numbers of true and false symmetries in `found` and of missed ones, by kind."""
     size = defects.size_of(truth.mesh.vertices)
     tally = Counter[str]()
     hits = set[int]()

@@ -1,7 +1,7 @@
-"""Objects of households, made by hand, with the symmetries that they are meant to have.
+"""Constructed household objects, with the symmetries that they are meant to have.
 
-Upright along z, metres. Bodies of revolution have defects that nobody would call another shape;
-the others lack a symmetry by at least 4 % of their size, or in a part of their own.
+Upright along z, metres. Bodies of revolution have defects too small to be another shape; the other
+objects break a symmetry by at least 4 % of their size, or by a separate part.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,8 +27,8 @@ Plane = tuple[Array, Array]  # normal and point
 class Varied:
     """An object with its true symmetries; planes that contain the axis are true as well.
 
-    `planes` must be found, or three of them; `unclear` ones may be. Holes stay away from `feature`,
-    which breaks the other symmetries, and from its `images` under those that the rest has.
+    `planes` must be found, or three of them; `unclear` ones may be found. Holes stay away from
+    `feature`, which breaks symmetries of the rest, and from its `images` under these symmetries.
     """
 
     mesh: Mesh
@@ -203,20 +203,20 @@ BODIES = (
     *(can, bottle, bowl, plate, cup, marker, pen, apple, lemon, jar, vase, roll, ring),
     *(funnel, handle, goblet, bulb),
 )
-UNCLEAR = ("can", "roll", "ring", "pen", "lemon", "apple")  # of which the ends are nearly alike
+UNCLEAR = ("can", "roll", "ring", "pen", "lemon", "apple")  # bodies whose two ends are nearly alike
 SOFT = ("apple", "lemon")
-LIMITS = np.array([0.0058, 0.015, 0.025])  # of the diagonal; the misses of a scanned apple
+LIMITS = np.array([0.0058, 0.015, 0.025])  # shares of the diagonal; the misses of a scanned apple
 NUM_FITS = 5  # of the strength of defects
-SLIM = 1.5  # height over width of bodies that are bent rather than fluted
+SLIM = 1.5  # height over width above which bodies are bent rather than fluted
 MAX_STRENGTH = 2.0
 WIDE = 0.4  # width over diagonal; defects of narrower bodies are smaller, as their width is
 TURNS = np.radians([60.0, 90.0, 180.0])
 
 
 def body(draw: Profile, rng: np.random.Generator) -> Varied:
-    """Return a body of revolution with two or three defects, still round to anyone's eye.
+    """Return a body of revolution with two or three defects that still looks round.
 
-    The defects are as strong as in scans: between a third and all of what a scanned apple misses.
+    The defects are as strong as in scans: from a third of the misses of a scanned apple to all.
     """
     plain, moved = _spoiled(draw, rng)
     wanted, strength = rng.uniform(0.33, 1.0), 1.0
@@ -231,7 +231,7 @@ def body(draw: Profile, rng: np.random.Generator) -> Varied:
 
 
 def misses(mesh: Mesh) -> tuple[float, float, float]:
-    """Return mean, 95th and 99th percentile of the misses of turns about z, of the diagonal."""
+    """Return mean, 95th and 99th percentile of misses of turns about z, shares of the diagonal."""
     surface = Surface.from_mesh(mesh, 20_000, np.random.default_rng(0))
     worst = np.zeros(3)
     for angle in TURNS:
@@ -243,7 +243,7 @@ def misses(mesh: Mesh) -> tuple[float, float, float]:
 
 
 def _spoiled(draw: Profile, rng: np.random.Generator) -> tuple[Mesh, Array]:
-    """Return a body, and its vertices with two or three defects of those that suit it."""
+    """Return a body, and its vertices with two or three suitable defects."""
     made = turned(draw(rng))
     name = draw.__name__
     plain = np.asarray(made.vertices)
@@ -289,7 +289,7 @@ def _through(*normals: Array) -> tuple[Plane, ...]:
 
 
 def tray_of_parts(rng):
-    """An open box in which small things lie: the box has two planes, the whole none."""
+    """An open box with small objects in it: the box has two planes, the whole none."""
     x, y, z, t = rng.uniform(0.1, 0.14), rng.uniform(0.07, 0.09), rng.uniform(0.03, 0.05), 0.003
     walls = [
         _box(x, y, t),
@@ -394,7 +394,7 @@ def jug(rng):
 
 
 def brick(rng):
-    """A dented, engraved box: its planes are true, as nobody sees the damage as a shape."""
+    """A dented, engraved box: its planes are true, as the damage is no other shape."""
     x, y, z = rng.uniform(0.1, 0.13), rng.uniform(0.06, 0.08), rng.uniform(0.03, 0.045)
     made = _box(x, y, z)
     points = defects.dented(np.asarray(made.vertices), rng.uniform(0.008, 0.015), rng)
@@ -403,7 +403,7 @@ def brick(rng):
 
 
 def knob_box(rng):
-    """A box with a knob beside the middle of a face: no plane but the one through the knob."""
+    """A box with a knob off the middle of a face: only the plane through the knob."""
     x, y, z = rng.uniform(0.08, 0.12), rng.uniform(0.05, 0.07), rng.uniform(0.05, 0.07)
     r = rng.uniform(0.008, 0.011)
     knob = turned([(0, 0), (r, 0), (r, 2 * r), (0, 2 * r)])
@@ -415,7 +415,7 @@ def knob_box(rng):
 
 
 def spray(rng):
-    """A can with a nozzle that looks to one side: one plane, no axis."""
+    """A can with a nozzle that points to one side: one plane, no axis."""
     made = turned(bottle(rng))
     top = made.vertices[:, 2].max()
     nozzle = _box(0.045, 0.012, 0.012, (0.0225, 0, top + 0.005))

@@ -47,7 +47,7 @@ def crowd(rng, count=80):
 
 @given(seeds, st.sampled_from([7, 256]))
 @few
-def test_suppression_is_the_greedy_one_whatever_it_holds_at_a_time(seed, at_a_time):
+def test_suppression_is_greedy_for_any_block_size(seed, at_a_time):
     grasps = crowd(np.random.default_rng(seed))
     before = graspnet_ap.AT_A_TIME
     try:
@@ -74,7 +74,7 @@ def test_both_limits_are_strict(gap, angle, left):
 
 
 @pytest.mark.parametrize(("degrees", "left"), [(29.9, 1), (30.1, 2), (180.0, 2)])
-def test_a_turned_hand_is_another_grasp(degrees, left):
+def test_a_hand_turned_by_more_than_30_degrees_is_another_grasp(degrees, left):
     rotation = np.stack([np.eye(3), rotation_about(X, np.radians(degrees))])
     assert len(suppress([0.9, 0.8], rotation, np.zeros((2, 3)))) == left
 
@@ -103,7 +103,7 @@ def test_grasps_below_the_fiftieth_are_not_judged_but_ties_with_it_are():
     assert len(ranked(confidence, owner)) == 55
 
 
-def test_no_grasps_no_ranking():
+def test_no_grasps_give_no_ranking():
     assert len(suppress([], np.zeros((0, 3, 3)), np.zeros((0, 3)))) == 0
     assert len(ranked(np.zeros(0), np.zeros(0, np.int64))) == 0
     assert accuracy([]).tolist() == np.zeros((RANKS, len(AP_FRICTIONS))).tolist()
@@ -122,7 +122,7 @@ def test_perfect_grasps_of_many_objects_have_ap_one():
 
 @given(seeds)
 @few
-def test_frictions_nest_and_better_grasps_never_lower_ap(seed):
+def test_ap_grows_with_friction_and_better_grasps_never_lower_it(seed):
     rng = np.random.default_rng(seed)
     friction = rng.choice([*AP_FRICTIONS, -1.0], rng.integers(0, 60))
     found = accuracy(friction)

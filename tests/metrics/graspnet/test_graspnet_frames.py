@@ -1,4 +1,4 @@
-"""A frame judged exactly and as the peer does, against what is known and against moving it."""
+"""A frame judged exactly and as by graspnetAPI (the peer), on known and on moved scenes."""
 
 from functools import cache
 
@@ -48,7 +48,7 @@ def peer() -> PeerScene:
 
 
 def rows_of(grasps: GraspPoses, confidence=None) -> np.ndarray:
-    """Rows whose finger tips are at the grasps, 2 cm before GraspNet's origin."""
+    """Rows whose finger tips are at the grasps, 2 cm ahead of GraspNet's origin."""
     ranks = np.linspace(0.9, 0.1, len(grasps)) if confidence is None else confidence
     return to_graspnet(grasps, ranks, tip_reach=0.0, depth=0.02)
 
@@ -63,8 +63,8 @@ def words(judged: ScoredRows) -> list[str]:
 
 
 @pytest.mark.parametrize("scene", [exact(), peer()], ids=["exact", "peer"])
-def test_each_way_to_fail_has_its_name(scene):
-    # In the ball's middle, deep in the box, over the box, beside the ball by 24 mm.
+def test_each_kind_of_failure_has_its_name(scene):
+    # In the ball's middle, deep in the box, over the box, 24 mm to the side of the ball.
     places = [(0.2, 0, 0.03), (0, 0.025, 0.08), (0, 0, 0.2), (0.224, 0.0, 0.05)]
     judged = score_rows(rows_of(grasps_at(*places)), scene)
     assert words(judged)[:2] == ["held", "collision"]
@@ -103,7 +103,7 @@ def test_moving_grasps_and_scene_together_changes_no_verdict(seed):
     assert (there.friction == here.friction).mean() >= 0.95  # a touch within rounding may differ
 
 
-def test_the_peer_looks_five_centimetres_around_the_grasped_object_and_no_farther():
+def test_the_peer_checks_collisions_within_five_centimetres_of_the_grasped_object():
     # The box is 10 cm high, the ball's lowest point at 15.1 cm, the palm from 14.5 to 15.5 cm.
     above = [PLACES[0], make_pose(np.eye(3), [0.0, 0.0, 0.151 + 0.03])]
     grasp = GraspPoses(DOWN, np.array([0.0, 0.0, 0.085]), np.array(0.06))
@@ -115,7 +115,7 @@ def test_the_peer_looks_five_centimetres_around_the_grasped_object_and_no_farthe
 
 
 @pytest.mark.parametrize(("count", "empty"), [(9, True), (10, False)])
-def test_fewer_than_ten_points_between_the_fingers_are_none_for_the_peer(count, empty):
+def test_the_peer_counts_fewer_than_ten_points_between_the_fingers_as_none(count, empty):
     points = np.stack([np.zeros(count), np.linspace(-0.02, 0.02, count), np.zeros(count)], 1)
     scene = PeerScene(
         [GridObject(points, distances()[1])], [PLACES[1].astype(np.float32)], np.eye(4)

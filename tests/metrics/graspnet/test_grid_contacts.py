@@ -1,4 +1,4 @@
-"""The compatible search against the peer's own verdicts, and against exact contacts."""
+"""The compatible contact search against graspnetAPI's verdicts, and against exact contacts."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def peer_grid(path):
 
 @pytest.mark.parametrize("kind", ["antipodal", "label"])
 @pytest.mark.parametrize("shape", ["box", "cylinder", "sphere"])
-def test_verdicts_on_all_grasps_are_the_peers(shared, shape, kind):
+def test_verdicts_on_all_grasps_equal_the_peers(shared, shape, kind):
     oracle = shared / "oracle"
     grasps = from_graspnet(read_npy(oracle / f"{shape}_{kind}.npy"))
     contacts = close_fingers_on_grid(peer_grid(oracle / f"{shape}.obj"), grasps, grasps.width)
@@ -40,7 +40,7 @@ def test_verdicts_on_all_grasps_are_the_peers(shared, shape, kind):
     assert_array_equal(np.where(np.isfinite(grid), grid, -1.0), peer["mu_grid"])
 
 
-def test_where_both_modes_find_contacts_on_flat_faces_they_are_the_same():
+def test_both_modes_find_the_same_contacts_on_flat_faces():
     mesh = box(0.04, 0.05, 0.06)
     grasps = random_grasps(np.random.default_rng(3), 400, 0.005)
     ours = close_fingers(mesh, grasps, 0.09)
@@ -59,7 +59,7 @@ def test_closed_fingers_have_no_contact_and_no_fault(width):
     assert not contacts.found.any()
 
 
-def test_the_grid_is_the_exact_one_but_for_rounding():
+def test_the_grid_equals_the_exact_one_except_for_rounding():
     mesh = ball(0.03)
     exact, single = signed_distance_grid(mesh), single_precision_grid(mesh)
     near = np.abs(exact.values) < 2.0 * exact.spacing

@@ -1,4 +1,4 @@
-"""GraspNet's box gripper against an object, beside the peer's verdicts on 6,000 grasps."""
+"""Collision of GraspNet's box gripper with an object, against the peer's 6,000 verdicts."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def test_the_cloud_agrees_with_the_peers_random_one(shared, shape, kind):
     assert (empty == peer["empty"]).mean() > 0.99
 
 
-def test_triangles_find_what_the_cloud_finds_and_more(shared):
+def test_triangles_find_all_collisions_of_the_cloud_and_more(shared):
     rows = read_npy(shared / "oracle" / "box_label.npy")[:300]
     mesh = read_mesh(shared / "oracle" / "box.obj")
     exact = exact_collision(mesh, from_graspnet(rows), rows[:, 3])[0]
@@ -35,7 +35,7 @@ def test_triangles_find_what_the_cloud_finds_and_more(shared):
     assert exact[cloud & ~empty].all()
 
 
-def test_how_many_pairs_are_looked_at_at_a_time_changes_nothing(monkeypatch):
+def test_the_number_of_pairs_in_a_block_does_not_change_verdicts(monkeypatch):
     rng = np.random.default_rng(0)
     points, depth = rng.normal(size=(500, 3)) * 0.03, np.full(40, 0.02)
     grasps = random_grasps(rng, 40, spread=0.08)
@@ -47,7 +47,7 @@ def test_how_many_pairs_are_looked_at_at_a_time_changes_nothing(monkeypatch):
         np.testing.assert_array_equal(ours, theirs)
 
 
-def test_voxel_means_are_means():
+def test_voxels_hold_the_means_of_their_points():
     points = np.array([[0.0, 0.0, 0.0], [0.001, 0.0, 0.0], [0.02, 0.0, 0.0]])
     means = voxel_means(points, 0.008)
     assert sorted(means[:, 0].round(6)) == [0.0005, 0.02]

@@ -1,4 +1,4 @@
-"""Layers that tell the same of a cloud in any company, and what torch's would tell."""
+"""Layers whose output for a cloud is the same in any batch, and equal to torch's."""
 
 import pytest
 import torch
@@ -13,9 +13,9 @@ def drawn(*shape):
 
 @pytest.mark.parametrize("bias", [False, True])
 @pytest.mark.parametrize("rows", [(1,), (8,), (500,), (4, 16)])
-@pytest.mark.parametrize(("wide", "out"), [(4, 32), (192, 256)])  # few numbers a row, and many
+@pytest.mark.parametrize(("wide", "out"), [(4, 32), (192, 256)])  # few numbers in a row, and many
 @torch.no_grad()
-def test_a_cloud_gets_the_same_bits_alone_and_in_company(rows, wide, out, bias):
+def test_a_cloud_gets_the_same_bits_alone_and_in_a_batch(rows, wide, out, bias):
     layer, clouds = CloudLinear(wide, out, bias=bias), drawn(7, *rows, wide)
     found = layer(clouds)
     torch.testing.assert_close(found, nn.functional.linear(clouds, layer.weight, layer.bias))
@@ -24,7 +24,7 @@ def test_a_cloud_gets_the_same_bits_alone_and_in_company(rows, wide, out, bias):
 
 
 @torch.no_grad()
-def test_every_third_point_of_clouds_is_no_other_layer():
+def test_a_strided_view_of_clouds_gives_the_same_bits_as_its_copy():
     layer, clouds = CloudLinear(6, 5), drawn(3, 9, 6)
     assert torch.equal(layer(clouds[:, ::3]), layer(clouds[:, ::3].contiguous()))
     assert layer(clouds[:0]).shape == (0, 9, 5)
@@ -33,7 +33,7 @@ def test_every_third_point_of_clouds_is_no_other_layer():
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("rows", [(0,), (1,), (500,), (4, 16)])
 @torch.no_grad()
-def test_a_chain_tells_what_its_layers_tell(rows, dtype):
+def test_a_chain_gives_the_output_of_its_layers_one_by_one(rows, dtype):
     layers = [CloudLinear(6, 16), CloudLinear(16, 8, bias=False), CloudLinear(8, 5)]
     layers[0].rectifies = layers[1].rectifies = True
     chain, clouds = CloudChain(*layers).to(dtype), drawn(3, *rows, 6).to(dtype)
@@ -47,7 +47,7 @@ def test_a_chain_tells_what_its_layers_tell(rows, dtype):
     torch.testing.assert_close(found, expected.detach())
 
 
-def test_training_takes_torchs_own_product():
+def test_training_uses_torchs_matrix_product():
     layer, clouds = CloudLinear(6, 5), drawn(3, 8, 6)
     found = layer(clouds)
     assert torch.equal(found, nn.functional.linear(clouds, layer.weight, layer.bias))
@@ -55,7 +55,7 @@ def test_training_takes_torchs_own_product():
 
 
 @pytest.mark.parametrize("out", [1, 9])
-def test_a_row_gets_the_same_bits_wherever_it_stands(out):
+def test_a_row_gets_the_same_bits_at_any_place(out):
     layer, rows = RowLinear(16, out), drawn(1500, 16)
     found = layer(rows)
     torch.testing.assert_close(found, nn.functional.linear(rows, layer.weight, layer.bias))
@@ -64,7 +64,7 @@ def test_a_row_gets_the_same_bits_wherever_it_stands(out):
         assert torch.equal(found[place], layer(rows[place:])[0])
 
 
-def test_threads_of_one_core_stay_so_whatever_number_is_set():
+def test_threads_of_one_core_ignore_the_number_of_threads_set_elsewhere():
     before = torch.get_num_threads()
     try:
         torch.set_num_threads(2)

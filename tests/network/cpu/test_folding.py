@@ -1,4 +1,4 @@
-"""Folded networks say the same, and the trained ones stay as they are."""
+"""Folded networks give the same output, and the trained networks do not change."""
 
 import pytest
 import torch
@@ -10,21 +10,21 @@ from pipelines.network.pointnet2 import PointNorm
 from tests.network.test_model import SMALL, assert_alike, clouds, learned
 
 
-def test_a_folded_network_says_the_same_and_the_trained_one_is_left_alone():
+def test_a_folded_network_gives_the_same_output_and_the_trained_one_does_not_change():
     network = learned(SMALL)
     before = {name: value.clone() for name, value in network.state_dict().items()}
     cheap = folded(network)
     assert_alike(cheap, network, clouds(2, 160))
     for name, value in network.state_dict().items():
         assert torch.equal(value, before[name]), name
-    # Those after a pooling stay: what is pooled is the maximum of a product, whatever its sign.
+    # Norms after a pooling stay: pooling takes the maximum of a product of any sign.
     norms = [module for module in cheap.modules() if isinstance(module, PointNorm)]
     assert len(norms) == len(cheap.set_abstractions)
     assert not any(value.requires_grad for value in cheap.parameters())
 
 
 @pytest.mark.parametrize("variant", ["light", "resnet50"])
-def test_a_folded_detector_says_the_same_of_an_image_and_has_no_norm_left(variant):
+def test_a_folded_detector_gives_the_same_output_and_has_no_norm_left(variant):
     torch.manual_seed(0)
     model = build_detector(DetectorConfig(variant=variant)).eval()
     for module in model.modules():

@@ -12,7 +12,7 @@ def drawn(*shape, seed=0):
 
 
 def squares(queries, support):
-    """In the order of sums that the loops have; others round otherwise."""
+    """Squared distances, summed in the order of the loops; another order rounds otherwise."""
     x, y, z = np.moveaxis(queries[:, None] - support[None], -1, 0)
     return x * x + y * y + z * z
 
@@ -38,7 +38,7 @@ SIZES = [(1, 3), (64, 9), (200, 150), (65, 500), (0, 5)]
 
 
 @pytest.mark.parametrize(("queries", "support"), SIZES)
-def test_the_three_nearest_are_those_of_sorting(queries, support):
+def test_the_three_nearest_equal_those_of_sorting(queries, support):
     queries, support = drawn(queries, 3), drawn(support, 3, seed=1)
     places, squared = three(queries, support)
     assert_array_equal(places, by_sorting(queries, support, 3))
@@ -47,21 +47,21 @@ def test_the_three_nearest_are_those_of_sorting(queries, support):
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 1.0])
 @pytest.mark.parametrize(("queries", "support"), SIZES)
-def test_the_nearest_are_those_of_sorting(queries, support, share):
+def test_the_nearest_equal_those_of_sorting(queries, support, share):
     count = max(1, round(share * support))
     queries, support = drawn(queries, 3), drawn(support, 3, seed=1)
     assert_array_equal(nearest(queries, support, count), by_sorting(queries, support, count))
 
 
-@pytest.mark.parametrize("spread", [1e-6, 1.0, 100.0])  # how far the next query is from the last
-def test_what_was_found_for_the_last_query_does_not_matter(spread):
+@pytest.mark.parametrize("spread", [1e-6, 1.0, 100.0])  # distance of the next query from the last
+def test_neighbours_do_not_depend_on_the_previous_query(spread):
     queries = drawn(60, 3) * np.logspace(0, np.log10(spread), 60, dtype=np.float32)[:, None]
     support = np.concatenate([drawn(200, 3, seed=1), 1e-3 * drawn(100, 3, seed=2)])
     assert_array_equal(nearest(queries, support, 16), by_sorting(queries, support, 16))
 
 
 @pytest.mark.parametrize("shift", [0.0, 1.0, 3.0, 1000.0])
-def test_on_a_grid_and_among_repeated_points_the_first_ones_are_taken(shift):
+def test_the_first_of_equally_near_points_are_taken_on_a_grid_and_among_repeated_points(shift):
     rng = np.random.default_rng(0)
     support = rng.integers(0, (3, 3, 9), (120, 3)).astype(np.float32)
     queries = rng.integers(-2, (5, 5, 11), (200, 3)).astype(np.float32) + np.float32(shift)
@@ -69,20 +69,20 @@ def test_on_a_grid_and_among_repeated_points_the_first_ones_are_taken(shift):
     assert_array_equal(nearest(queries, support, 16), by_sorting(queries, support, 16))
 
 
-def test_among_points_that_are_all_the_same_the_first_ones_are_taken():
+def test_the_first_of_identical_points_are_taken():
     same = np.ones((300, 3), np.float32)
     assert_array_equal(nearest(same, same, 16), np.tile(np.arange(16), (300, 1)))
     assert_array_equal(three(same, same)[0], np.tile([0, 1, 2], (300, 1)))
 
 
 @pytest.mark.parametrize("scale", [1e-23, 1e-20, 1e18])
-def test_where_squares_vanish_or_nearly_overflow_none_is_left_out(scale):
+def test_no_neighbour_is_lost_where_squares_vanish_or_nearly_overflow(scale):
     support, queries = drawn(60, 3) * np.float32(scale), drawn(80, 3, seed=1) * np.float32(scale)
     assert_array_equal(three(queries, support)[0], by_sorting(queries, support, 3))
     assert_array_equal(nearest(queries, support, 7), by_sorting(queries, support, 7))
 
 
-def test_of_what_is_no_number_no_place_outside_the_cloud_is_named():
+def test_queries_that_are_nan_give_no_index_outside_the_cloud():
     queries, support = drawn(4, 3), drawn(5, 3, seed=1)
     queries[[0, 2]] = np.nan
     places, squared = three(queries, support)

@@ -1,4 +1,4 @@
-"""Linear layers by the quicker library say what torch's own say, where there are no gradients."""
+"""Linear layers by the faster library give torch's results, where there are no gradients."""
 
 import pytest
 import torch
@@ -17,7 +17,7 @@ def drawn(*shape, seed=0, dtype=torch.float32):
 @pytest.mark.parametrize("biased", [True, False])
 @pytest.mark.parametrize("count", [0, 1, 300])
 @torch.no_grad()
-def test_a_layer_says_what_torchs_own_says(
+def test_a_layer_gives_the_result_of_torchs_layer(
     count, biased, rectifies, has_onednn, dtype, monkeypatch
 ):
     monkeypatch.setattr(torch.backends.mkldnn, "is_available", lambda: has_onednn)
@@ -30,14 +30,14 @@ def test_a_layer_says_what_torchs_own_says(
     torch.testing.assert_close(found, expected)
 
 
-def test_rows_that_do_not_lie_together_are_the_same_rows():
+def test_rows_that_are_not_contiguous_give_the_same_result():
     rows, weight = drawn(60, 40), drawn(7, 20, seed=1)
     with torch.no_grad():
         found = products.linear(rows[::3, ::2], weight)
         assert torch.equal(found, products.linear(rows[::3, ::2].contiguous(), weight))
 
 
-def test_with_gradients_it_is_torchs_own():
+def test_torchs_layer_is_used_where_there_are_gradients():
     rows, weight = drawn(5, 4), drawn(3, 4, seed=1).requires_grad_()
     found = products.linear(rows, weight, rectifies=True)
     found.sum().backward()

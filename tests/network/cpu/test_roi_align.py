@@ -1,4 +1,4 @@
-"""RoIAlign on maps whose channels lie together says what torchvision's says."""
+"""RoIAlign on channels-last maps gives torchvision's results."""
 
 import copy
 
@@ -30,7 +30,7 @@ def both(boxes, output_size, maps):
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("output_size", [7, (3, 4)])
-def test_boxes_of_two_images_have_the_features_torchvision_gives_them(seed, output_size):
+def test_boxes_of_two_images_have_the_features_of_torchvision(seed, output_size):
     generator = torch.Generator().manual_seed(seed)
     corners = torch.randn(2, 30, 2, generator=generator) * 40 + 50
     sides = torch.rand(2, 30, 2, generator=generator) ** 3 * 200
@@ -58,7 +58,7 @@ def test_no_boxes_have_no_features_and_an_image_may_have_none():
     torch.testing.assert_close(*both([none, one], 7, maps))
 
 
-def test_maps_in_the_usual_layout_say_the_same():
+def test_maps_in_the_usual_layout_give_the_same_features():
     maps = pyramid(torch.Generator().manual_seed(0))
     boxes = [torch.tensor([[1.0, 2.0, 30.0, 40.0]]), torch.tensor([[9.0, 2.0, 90.0, 80.0]])]
     usual = {name: each.contiguous() for name, each in maps.items()}

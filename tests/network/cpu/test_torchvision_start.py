@@ -1,4 +1,4 @@
-"""torchvision is imported without torch's compiler, which is there for who uses it."""
+"""torchvision is imported without torch's compiler, which is loaded at its first use."""
 
 import importlib
 import subprocess
@@ -10,7 +10,7 @@ import pytest
 
 from pipelines.network.cpu.torchvision_start import COMPILER, import_torchvision
 
-# One process, which imports the compiler once: the steps need it later and later.
+# One process, as the compiler can be imported only once; each step imports it later than the last.
 PROGRAM = """
 import sys
 import pipelines.network.detection.detector
@@ -36,7 +36,7 @@ assert sys.modules[start.COMPILER].__file__.endswith("utils.py")
 
 
 class Torchvision:
-    """A finder of a torchvision that does `begin` when it is imported, without a compiler."""
+    """A finder of a torchvision that calls `begin` when it is imported, without a compiler."""
 
     def __init__(self, begin):
         self.begin = begin
@@ -55,11 +55,11 @@ class Torchvision:
 
 @pytest.fixture
 def installed(monkeypatch):
-    """A function that puts another torchvision in the place of the real one."""
+    """A function that replaces the real torchvision by another one."""
 
     def install(begin):
         for name in ("torchvision", COMPILER):
-            monkeypatch.setitem(sys.modules, name, None)  # so that what is there comes back
+            monkeypatch.setitem(sys.modules, name, None)  # so that the real modules are restored
             del sys.modules[name]
         monkeypatch.setattr(sys, "meta_path", [Torchvision(begin), *sys.meta_path])
 
@@ -70,13 +70,13 @@ def ask_the_compiler(module):
     module.asked = importlib.import_module(COMPILER).is_compile_supported
 
 
-def test_the_compiler_is_loaded_for_who_uses_it_alone():
+def test_the_compiler_is_loaded_only_when_it_is_used():
     command = [sys.executable, "-c", PROGRAM]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
 
-def test_a_compiler_that_was_loaded_before_is_the_one_that_torchvision_has(installed):
+def test_torchvision_gets_the_compiler_that_was_loaded_before(installed):
     installed(ask_the_compiler)
     before = sys.modules[COMPILER] = ModuleType(COMPILER)
     before.is_compile_supported = object()
@@ -85,7 +85,7 @@ def test_a_compiler_that_was_loaded_before_is_the_one_that_torchvision_has(insta
     assert sys.modules[COMPILER] is before
 
 
-def test_a_torchvision_that_asks_the_compiler_for_nothing_is_imported_without_it(installed):
+def test_a_torchvision_that_does_not_use_the_compiler_is_imported_without_it(installed):
     installed(lambda module: None)
     import_torchvision()
     assert "torchvision" in sys.modules

@@ -1,4 +1,4 @@
-"""Every fast function does what its plain twin does, and private functions are not needed."""
+"""Every fast function gives the result of its plain twin; private functions are optional."""
 
 import ast
 import logging
@@ -40,7 +40,7 @@ CASES = {
 
 @pytest.mark.parametrize("name", CASES)
 @torch.no_grad()
-def test_the_fast_form_is_used_on_a_cpu_and_gives_what_the_plain_one_gives(name, monkeypatch):
+def test_the_fast_form_is_used_on_a_cpu_and_gives_the_result_of_the_plain_one(name, monkeypatch):
     both, given = CASES[name]
     assert both.applies(*given)
     torch.testing.assert_close(both(*given), both.plain(*given))
@@ -48,7 +48,7 @@ def test_the_fast_form_is_used_on_a_cpu_and_gives_what_the_plain_one_gives(name,
     torch.testing.assert_close(both(*given), both.fast(*given))
 
 
-def test_the_gradients_of_the_fast_form_are_those_of_the_plain_one():
+def test_the_gradients_of_the_fast_form_equal_those_of_the_plain_one():
     both, given = CASES["pooled groups"]
     inputs = [
         each.clone().requires_grad_()
@@ -73,7 +73,7 @@ def test_all_twins_of_the_network_are_compared_here():
     assert pairs == {both for both, _ in CASES.values()}
 
 
-def test_elsewhere_than_on_a_cpu_the_plain_form_is_used(monkeypatch):
+def test_the_plain_form_is_used_except_on_a_cpu(monkeypatch):
     monkeypatch.setattr(devices, "on_cpu", lambda _: False)
     for name in ("farthest points", "nearest neighbours", "pooled groups"):
         both, given = CASES[name]
@@ -89,7 +89,7 @@ def nothing_is_known_yet():
 
 
 class Gone:
-    """A library whose private functions were taken away."""
+    """A library without its private functions."""
 
     def __getattr__(self, name):
         raise AttributeError(f"no attribute {name}")
@@ -98,9 +98,7 @@ class Gone:
 @pytest.mark.usefixtures("nothing_is_known_yet")
 @pytest.mark.parametrize("how", ["gone", "other arguments", "other numbers"])
 @torch.no_grad()
-def test_without_torchs_private_linear_layer_its_public_one_takes_its_place(
-    how, monkeypatch, caplog
-):
+def test_torchs_public_linear_layer_replaces_a_missing_private_one(how, monkeypatch, caplog):
     rows, weight = drawn(9, 5), drawn(4, 5, seed=1)
 
     class Other:
@@ -115,7 +113,7 @@ def test_without_torchs_private_linear_layer_its_public_one_takes_its_place(
         found = products.linear(rows, weight, None, True)
         products.linear(rows, weight)
     assert torch.equal(found, functional.linear(rows, weight).relu())
-    (record,) = caplog.records  # said once
+    (record,) = caplog.records  # one warning only
     assert "Linear layers by oneDNN do not work with this torch" in record.getMessage()
 
 
@@ -129,7 +127,7 @@ def test_a_cloud_gets_the_same_features_without_the_private_linear_layer(monkeyp
     torch.testing.assert_close(layer(clouds), expected)
 
 
-# Each private name of torch or torchvision that is used, by the module that can do without it.
+# Private names of torch and torchvision, by the module that uses them and can do without.
 PRIVATE = {
     "network/cpu/products.py": {"torch.ops.mkldnn._linear_pointwise"},
     "network/cpu/torchvision_start.py": {"torch._dynamo.utils"},
@@ -137,7 +135,7 @@ PRIVATE = {
 
 
 def private_names(path: Path) -> set[str]:
-    """Dotted names of a module that begin with torch and have a part with an underscore."""
+    """Return a module's dotted names that begin with torch and have a part with an underscore."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         match node:
@@ -156,7 +154,7 @@ def private_names(path: Path) -> set[str]:
     }
 
 
-def test_private_names_of_torch_are_used_only_where_their_loss_is_provided_for():
+def test_private_names_of_torch_are_used_only_where_they_are_optional():
     found = {
         path.relative_to(ROOT).as_posix(): names
         for path in sorted(ROOT.rglob("*.py"))

@@ -1,4 +1,4 @@
-"""The detector on tiny images: it trains, and its answers are drawn where they belong."""
+"""The detector on tiny images: its training, and the places of its masks."""
 
 from dataclasses import replace
 
@@ -46,7 +46,7 @@ def test_a_few_steps_on_one_image_lower_the_loss():
     assert totals[-1] < 0.8 * totals[0]
 
 
-def test_what_is_drawn_at_random_depends_on_the_generator_alone():
+def test_random_samples_depend_only_on_the_generator():
     labels = [torch.cat([torch.ones(30), torch.zeros(70)])]
     drawn = []
     for _ in range(2):
@@ -64,7 +64,7 @@ def test_an_unknown_input_names_the_known_ones():
         build_detector(DetectorConfig(input="thermal"))
 
 
-def test_images_are_padded_with_zeros_to_one_size_channels_last():
+def test_images_are_padded_with_zeros_to_one_size_in_channels_last_layout():
     torch.manual_seed(0)
     images = [torch.rand(6, 40, 50), torch.rand(40, 70, 6).movedim(-1, 0)]
     batch, sizes = PreparedImages()(images)[0].tensors, PreparedImages()(images)[0].image_sizes
@@ -76,7 +76,7 @@ def test_images_are_padded_with_zeros_to_one_size_channels_last():
         assert padded.sum() == pytest.approx(float(image.sum()), rel=1e-4)
 
 
-def test_the_detector_at_inference_says_what_the_trained_model_says():
+def test_the_detector_at_inference_gives_the_output_of_the_trained_model():
     torch.manual_seed(0)
     config = replace(CONFIG, candidate_confidence=0.0)
     model = build_detector(config).eval()
@@ -98,7 +98,7 @@ def test_a_full_mask_fills_its_box():
     assert not (mask & ~expected).any()
 
 
-def test_half_a_mask_fills_half_its_box_also_beyond_the_image():
+def test_half_a_mask_fills_half_its_box_even_beyond_the_image():
     soft = np.zeros((28, 28), np.float32)
     soft[:, :14] = 1.0
     mask = draw_mask(soft, np.array([-20.0, 0.0, 36.0, 56.0]), (40, 40))
@@ -107,7 +107,7 @@ def test_half_a_mask_fills_half_its_box_also_beyond_the_image():
     assert not columns[9:].any()
 
 
-def test_images_of_another_size_than_the_camera_are_refused():
+def test_images_whose_size_differs_from_the_camera_are_refused():
     torch.manual_seed(0)
     detector = RegionDetector(build_detector(CONFIG), CONFIG, torch.device("cpu"))
     camera = Intrinsics(100.0, 100.0, 64.0, 48.0, 128, 96)
@@ -115,7 +115,7 @@ def test_images_of_another_size_than_the_camera_are_refused():
         detector.detect(np.zeros((96, 128, 3), np.uint8), np.zeros((90, 128), np.float32), camera)
 
 
-def test_frames_are_looked_at_larger_than_while_training():
+def test_frames_are_larger_at_inference_than_in_training():
     torch.manual_seed(0)
     detector = RegionDetector(build_detector(CONFIG), CONFIG, torch.device("cpu"))
     seen = []
@@ -127,7 +127,7 @@ def test_frames_are_looked_at_larger_than_while_training():
     assert all(each.mask.shape == (480, 640) for each in found)
 
 
-def test_a_frame_without_depth_is_answered():
+def test_a_frame_without_depth_gives_detections():
     torch.manual_seed(0)
     detector = RegionDetector(build_detector(CONFIG), CONFIG, torch.device("cpu"))
     camera = Intrinsics(100.0, 100.0, 64.0, 48.0, 128, 96)
@@ -137,7 +137,7 @@ def test_a_frame_without_depth_is_answered():
         assert found.mask.shape == (96, 128)
 
 
-def test_what_is_detected_is_what_is_confident_enough_of_all_that_is_found():
+def test_only_detections_above_the_confidence_limit_are_kept():
     torch.manual_seed(0)
     model = build_detector(CONFIG).eval()
     depth = np.random.default_rng(0).uniform(0.5, 0.9, (72, 96)).astype(np.float32)
@@ -154,13 +154,13 @@ def test_what_is_detected_is_what_is_confident_enough_of_all_that_is_found():
     assert model.roi_heads.score_thresh == CONFIG.candidate_confidence  # of the trained model
 
 
-def test_a_plane_that_is_known_is_not_looked_for(monkeypatch):
+def test_a_given_plane_is_used_instead_of_a_search(monkeypatch):
     torch.manual_seed(0)
     detector = RegionDetector(build_detector(CONFIG), CONFIG, torch.device("cpu"))
     depth = np.random.default_rng(0).uniform(0.5, 0.9, (72, 96)).astype(np.float32)
     frame = np.zeros((72, 96, 3), np.uint8), depth, Intrinsics(90.0, 90.0, 48.0, 36.0, 96, 72)
     plane, other = (Plane(np.array([0.0, 0.0, -1.0]), far) for far in (0.9, 0.6))
     monkeypatch.setattr("pipelines.network.detection.detector.find_plane", lambda _frame: plane)
-    looked_for = [each.confidence for each in detector.detect(*frame)]
-    assert [each.confidence for each in detector.detect(*frame, plane)] == looked_for
-    assert [each.confidence for each in detector.detect(*frame, other)] != looked_for
+    searched = [each.confidence for each in detector.detect(*frame)]
+    assert [each.confidence for each in detector.detect(*frame, plane)] == searched
+    assert [each.confidence for each in detector.detect(*frame, other)] != searched

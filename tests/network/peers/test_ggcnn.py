@@ -1,4 +1,4 @@
-"""GG-CNN and GG-CNN2 against what is published of them."""
+"""GG-CNN and GG-CNN2 against their published figures."""
 
 import pytest
 import torch

@@ -1,4 +1,4 @@
-"""GraspNet's baseline against what is published of it, and its groups against plain ones."""
+"""GraspNet's baseline against its published figures, and its groups against plain loops."""
 
 import pytest
 import torch
@@ -30,11 +30,11 @@ def test_seeds_are_points_of_the_input_and_operations_have_four_depths():
     with torch.no_grad():
         seeds, features = network.seeds(points)
         rotation = torch.eye(3).expand(1, seeds.points.shape[1], 3, 3)
-        said = network.operations(points, seeds.points, rotation)
+        output = network.operations(points, seeds.points, rotation)
     assert features.shape == (1, 512, 256)
     torch.testing.assert_close(points[0, seeds.index[0]], seeds.points[0])
     assert seeds.views.shape == (1, 512, 300)
-    for each in (said.score, said.angle, said.width, said.tolerance):
+    for each in (output.score, output.angle, output.width, output.tolerance):
         assert each.shape == (1, 512, 4, 12)
 
 

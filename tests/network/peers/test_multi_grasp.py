@@ -1,4 +1,4 @@
-"""Multi-Grasp against what is published of it."""
+"""Multi-Grasp against its published figures."""
 
 import torch
 
@@ -12,11 +12,11 @@ def parameters(network) -> int:
 
 
 def test_the_full_network_has_as_many_parameters_as_published():
-    # Beyond those of ResNet-50, which torchvision counts with a layer of 1000 classes.
+    # Without the parameters of ResNet-50, which torchvision counts with a layer of 1000 classes.
     assert parameters(build_multi_grasp(PeerNetworkConfig("full"))) == 28_459_738
 
 
-def test_the_light_network_is_an_eighth_of_it():
+def test_the_light_network_has_an_eighth_of_the_parameters():
     assert parameters(build_multi_grasp(PeerNetworkConfig("light"))) < 3_700_000
 
 

@@ -1,4 +1,4 @@
-"""PointNetGPD against what is published of it."""
+"""PointNetGPD against its published figures."""
 
 import pytest
 import torch
@@ -13,7 +13,7 @@ def test_the_network_has_as_many_parameters_as_published(variant):
     assert sum(each.numel() for each in network.parameters()) == 1_604_620
 
 
-def test_it_gives_log_probabilities_that_do_not_depend_on_the_order_of_the_points():
+def test_log_probabilities_do_not_depend_on_the_order_of_the_points():
     torch.manual_seed(0)
     network = PointNetGPD(PeerNetworkConfig()).eval()
     points = torch.rand(4, network.num_points, 3)

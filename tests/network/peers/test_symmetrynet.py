@@ -1,4 +1,4 @@
-"""SymmetryNet against what is published of it, and what it sees of a region."""
+"""SymmetryNet against its published figures, and its input from a region."""
 
 import numpy as np
 import pytest
@@ -15,14 +15,14 @@ from pipelines.storage.checkpoints import save_weights
 PUBLISHED, CLASSIFIER, INDEX_WEIGHTS, SPHERE_MODE = 24_728_510, 71_189, 1_000, 129
 
 
-def test_the_full_network_has_the_published_parameters_but_for_those_that_are_named():
+def test_the_full_network_has_the_published_parameters_with_named_exceptions():
     network = SymmetryNet(PeerNetworkConfig("full"))
     count = sum(each.numel() for each in network.parameters())
     assert count == PUBLISHED - CLASSIFIER - INDEX_WEIGHTS + SPHERE_MODE
 
 
 @pytest.mark.parametrize("variant", SYMMETRYNET_SIZES)
-def test_each_point_speaks_and_the_order_of_points_does_not_matter(variant):
+def test_each_point_gives_a_prediction_and_the_order_of_points_does_not_matter(variant):
     torch.manual_seed(0)
     network = SymmetryNet(PeerNetworkConfig(variant)).eval()
     crop, points = torch.rand(1, 3, CROP_SIDE, CROP_SIDE), torch.rand(1, 20, 3)
@@ -48,7 +48,7 @@ def test_a_region_elsewhere_has_the_same_symmetries():
     torch.testing.assert_close(there.mode, here.mode, rtol=1e-3, atol=1e-6)
 
 
-def test_points_lie_on_their_pixels_in_the_crop_even_at_the_border_of_the_image():
+def test_points_match_their_pixels_in_the_crop_even_at_the_border_of_the_image():
     color = np.zeros((240, 320, 3), np.uint8)
     mask = np.zeros((240, 320), bool)
     mask[200:240, 100:130] = True
@@ -62,14 +62,14 @@ def test_points_lie_on_their_pixels_in_the_crop_even_at_the_border_of_the_image(
     assert not crop.image[-1].any()  # beyond the image
 
 
-def test_a_jitter_that_changes_nothing_leaves_the_colours():
+def test_an_identity_jitter_does_not_change_the_colours():
     image = torch.randint(0, 256, (2, 8, 8, 3), dtype=torch.uint8)
     torch.testing.assert_close(
         normalised_colors(image, torch.eye(3, 4).expand(2, 3, 4)), normalised_colors(image)
     )
 
 
-def test_weights_that_learned_from_metres_are_refused(tmp_path):
+def test_weights_trained_on_metres_are_refused(tmp_path):
     config = PeerNetworkConfig("light")
     tensors = SymmetryNet(config).state_dict()
     path = tmp_path / "w.safetensors"

@@ -1,4 +1,4 @@
-"""A page's points are the frame's within half a step of depth."""
+"""A page's points equal the frame's within half a step of depth."""
 
 import numpy as np
 from hypothesis import given
@@ -31,7 +31,7 @@ def empty_result(frame: Frame) -> FrameResult:
     st.floats(0.3, 60.0),
     st.integers(1, 4000),
 )
-def test_every_kept_pixel_is_where_it_was_to_half_a_step(seed, width, height, far, most):
+def test_every_kept_pixel_keeps_its_point_to_half_a_step(seed, width, height, far, most):
     frame = random_frame(seed, width, height, far)
     cloud = PixelCloud.of(frame, empty_result(frame), most)
     assert cloud.depth.size <= most
@@ -39,7 +39,7 @@ def test_every_kept_pixel_is_where_it_was_to_half_a_step(seed, width, height, fa
     thin = frame.depth[:: cloud.stride, :: cloud.stride].astype(float)
     stored = cloud.depth * cloud.step
     assert_array_equal(cloud.depth == 0, thin == 0)
-    # A distance of less than half a step is not zero, which would be missing.
+    # A distance below half a step is not rounded to zero, which would mean missing.
     allowed = np.where(thin < cloud.step / 2, cloud.step, 0.5 * cloud.step)
     assert (np.abs(stored - thin)[thin > 0] <= (allowed * (1 + 1e-6) + 1e-9)[thin > 0]).all()
     assert_array_equal(cloud.color, frame.color[:: cloud.stride, :: cloud.stride])
@@ -49,7 +49,7 @@ def test_every_kept_pixel_is_where_it_was_to_half_a_step(seed, width, height, fa
     assert np.nanmax(error - ray * allowed[..., None] * (1 + 1e-6), initial=0.0) < 1e-9
 
 
-def test_the_farthest_depth_is_not_cut():
+def test_the_farthest_depth_is_not_clipped():
     depth = np.array([[0.5, 17.0]], np.float32)
     color = np.zeros((1, 2, 3), np.uint8)
     frame = Frame("a", color, depth, Intrinsics(2, 2, 1, 0.5, 2, 1))
@@ -58,7 +58,7 @@ def test_the_farthest_depth_is_not_cut():
     assert np.abs(cloud.depth * cloud.step - depth).max() < 17.0 / STEPS
 
 
-def test_of_overlapping_regions_the_smaller_is_seen():
+def test_the_smaller_of_overlapping_regions_is_shown():
     masks = [np.zeros((4, 6), bool) for _ in range(2)]
     masks[0][1:3, 1:3], masks[1][:, :5] = True, True
     nothing = np.full((2, 5, 3), np.nan)

@@ -1,4 +1,4 @@
-"""The page in a real browser, where there is one: it draws, is turned, and answers clicks."""
+"""The page in a real browser, where there is one: drawing, turning, and clicks."""
 
 import base64
 import json
@@ -29,19 +29,19 @@ FLAGS = (
 )  # fmt: skip
 FRAME, INDEX = toy_frame()
 GRIPPER = load_gripper("rg2")
-# What a person would do, and what is then on the page, as the text of an element.
+# Imitates a person, and then writes the state of the page as the text of an element.
 VISITOR = """
-const told = {errors: [], hits: [], facts: {}};
-addEventListener("error", (event) => told.errors.push(event.message));
+const outcome = {errors: [], hits: [], facts: {}};
+addEventListener("error", (event) => outcome.errors.push(event.message));
 const by = (id) => document.getElementById(id), view = by("view");
 const key = (name) => document.dispatchEvent(new KeyboardEvent("keydown", {key: name}));
 const pointer = (kind, x, y, buttons) => view.dispatchEvent(
   new PointerEvent(kind, {pointerId: 1, clientX: x, clientY: y, buttons, bubbles: true}));
 const facts = () => [...by("picked").querySelectorAll("dd")].map((each) => each.textContent);
 setTimeout(() => {
-  told.trouble = by("trouble").hidden ? "" : by("trouble").textContent;
-  told.regions = by("regions").children.length;
-  told.most = by("count").max;
+  outcome.trouble = by("trouble").hidden ? "" : by("trouble").textContent;
+  outcome.regions = by("regions").children.length;
+  outcome.most = by("count").max;
   const area = view.getBoundingClientRect(), hits = new Set();
   for (let y = 5; y < area.height; y += 20) {
     for (let x = 5; x < area.width; x += 20) {
@@ -51,11 +51,11 @@ setTimeout(() => {
       if (!by("picked").hidden) hits.add(facts().join("|"));
     }
   }
-  told.hits = [...hits];
+  outcome.hits = [...hits];
   key("Escape");
-  told.hidden = by("picked").hidden;
+  outcome.hidden = by("picked").hidden;
   for (const name of ["n", "t", "r", "+", "+", "g", "g", "s", "p", "ArrowLeft"]) key(name);
-  told.shown = by("count").value;
+  outcome.shown = by("count").value;
   pointer("pointerdown", 500, 300, 1);
   pointer("pointermove", 560, 320, 1);
   pointer("pointerup", 560, 320, 0);
@@ -64,10 +64,10 @@ setTimeout(() => {
   key("s");
   key("c");
   requestAnimationFrame(() => {  // behind the page's own: what it has just drawn is still there
-    told.picture = view.toDataURL();
+    outcome.picture = view.toDataURL();
     const made = document.createElement("pre");
-    made.id = "told";
-    made.textContent = JSON.stringify(told);
+    made.id = "outcome";
+    made.textContent = JSON.stringify(outcome);
     document.body.append(made);
     made.hidden = true;
   });
@@ -99,7 +99,7 @@ def browse(page: Path, *flags: str) -> subprocess.CompletedProcess[str]:
 
 def visited(page: Path) -> dict:
     done = browse(page, "--dump-dom")
-    found = re.search(r'<pre id="told"[^>]*>(.*?)</pre>', done.stdout, re.DOTALL)
+    found = re.search(r'<pre id="outcome"[^>]*>(.*?)</pre>', done.stdout, re.DOTALL)
     if found is None and "<html" not in done.stdout:
         pytest.skip("Chromium does not start here")
     assert found is not None, done.stderr
@@ -107,15 +107,15 @@ def visited(page: Path) -> dict:
     return json.loads(found[1].replace("&gt;", ">").replace("&lt;", "<")) | {"console": console}
 
 
-def test_grasps_are_clicked_and_tell_their_figures(tmp_path):
-    told = visited(page_for(tmp_path, 5))
-    assert (told["errors"], told["console"], told["trouble"]) == ([], [], "")
-    assert (told["regions"], told["most"], told["shown"]) == (2, "3", "3")
-    assert told["hidden"]
+def test_clicked_grasps_show_their_figures(tmp_path):
+    outcome = visited(page_for(tmp_path, 5))
+    assert (outcome["errors"], outcome["console"], outcome["trouble"]) == ([], [], "")
+    assert (outcome["regions"], outcome["most"], outcome["shown"]) == (2, "3", "3")
+    assert outcome["hidden"]
     best = toy_result(FRAME, INDEX).grasps
     rows = np.flatnonzero(best.is_best)
-    facts = {text.split("|")[2][0]: text.split("|") for text in told["hits"]}
-    assert sorted(facts) == ["0", "1"]  # only the best of each region is shown, and can be hit
+    facts = {text.split("|")[2][0]: text.split("|") for text in outcome["hits"]}
+    assert sorted(facts) == ["0", "1"]  # only the best of each region is shown
     for row in rows:
         score, rank, region, source, symmetry, width, *_ = facts[str(best.region[row])]
         assert score.partition(",")[0] == f"{best.rank_score[row]:.4f}"
@@ -127,10 +127,10 @@ def test_grasps_are_clicked_and_tell_their_figures(tmp_path):
 
 
 def test_without_grasps_and_from_the_camera_the_page_shows_the_photograph(tmp_path):
-    told = visited(page_for(tmp_path, 0))
-    assert (told["errors"], told["console"], told["trouble"]) == ([], [], "")
-    assert (told["hits"], told["most"]) == ([], "0")
-    picture = np.frombuffer(base64.b64decode(told["picture"].partition(",")[2]), np.uint8)
+    outcome = visited(page_for(tmp_path, 0))
+    assert (outcome["errors"], outcome["console"], outcome["trouble"]) == ([], [], "")
+    assert (outcome["hits"], outcome["most"]) == ([], "0")
+    picture = np.frombuffer(base64.b64decode(outcome["picture"].partition(",")[2]), np.uint8)
     seen = cv2.imdecode(picture, cv2.IMREAD_COLOR)[..., ::-1].astype(float)
     high, wide = seen.shape[:2]
     # The picture fills the canvas across or from top to bottom, the optical axis in the middle.
@@ -141,12 +141,12 @@ def test_without_grasps_and_from_the_camera_the_page_shows_the_photograph(tmp_pa
     drawn = seen[np.round(y - 0.5).astype(int), np.round(x - 0.5).astype(int)]
     off = np.abs(drawn - FRAME.color[rows, columns])
     far = INDEX[rows, columns] < 0  # regions are tinted
-    assert np.percentile(off[far], 95) < 6  # the rest lies beneath symmetries
+    assert np.percentile(off[far], 95) < 6  # other pixels are beneath symmetries
     assert np.median(off[far]) <= 1
 
 
 @pytest.mark.skipif(NODE is None, reason="no node is installed")
-def test_grippers_and_rays_of_the_scripts_are_those_of_python(tmp_path):
+def test_grippers_and_rays_of_the_scripts_equal_those_of_python(tmp_path):
     table = toy_result(FRAME, INDEX).grasps
     grasp = {
         "rotation": table.rotation[1].ravel().tolist(),
@@ -168,18 +168,18 @@ def test_grippers_and_rays_of_the_scripts_are_those_of_python(tmp_path):
     """
     (tmp_path / "ask.js").write_text(f"{scripts}\n{ask}", encoding="utf-8")
     command = [str(NODE), str(tmp_path / "ask.js")]
-    said = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    printed = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
     boxes = GRIPPER.boxes(table.width[1])
     wanted = {
         tuple(np.round(table.rotation[1] @ [x, y, z] + table.translation[1], 5))
         for box in boxes for x in box[:, 0] for y in box[:, 1] for z in box[:, 2]
     }  # fmt: skip
-    drawn = {tuple(np.round(corner, 5)) for corner in np.array(said["corners"])}
-    assert len(said["corners"]) == 3 * 36
+    drawn = {tuple(np.round(corner, 5)) for corner in np.array(printed["corners"])}
+    assert len(printed["corners"]) == 3 * 36
     distance = [min(np.abs(np.subtract(a, b)).max() for b in wanted) for a in drawn]
     assert max(distance) < 2e-5
     assert len(wanted) == 24
-    clip = np.array(said["clip"]).reshape(4, 4).T @ [0.1, 0.2, 0.9, 1.0]
-    assert np.abs(clip[:2] / clip[3]).max() < 1e-6  # what is looked at is in the middle
-    assert (said["box"], said["miss"]) == (3, False)
-    np.testing.assert_allclose(said["turned"], [0, 1, 0], atol=1e-12)
+    clip = np.array(printed["clip"]).reshape(4, 4).T @ [0.1, 0.2, 0.9, 1.0]
+    assert np.abs(clip[:2] / clip[3]).max() < 1e-6  # the target of the view is in the middle
+    assert (printed["box"], printed["miss"]) == (3, False)
+    np.testing.assert_allclose(printed["turned"], [0, 1, 0], atol=1e-12)

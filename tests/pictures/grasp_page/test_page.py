@@ -1,4 +1,4 @@
-"""A page is whole: it loads nothing, names are text, and it stays small."""
+"""A page is complete: it loads nothing, names are text, and it stays small."""
 
 import re
 
@@ -30,7 +30,7 @@ INDEX_PAGE = index_page("g.h5: 2 <frames>", ENTRIES, STAMP)
 
 
 class PageReader(Reader):
-    """Elements of ours that have no end."""
+    """Collects elements; knows our elements without an end tag."""
 
     def handle_starttag(self, tag, attrs):
         super().handle_starttag(tag, attrs)
@@ -48,7 +48,7 @@ def test_nothing_is_loaded_from_a_network(text):
     assert "http" not in policy[0]["content"]
 
 
-def test_the_page_of_a_frame_has_no_other_file():
+def test_the_page_of_a_frame_needs_no_other_file():
     loading = [(tag, a) for tag, a in PageReader(PAGE).found if "src" in a or tag == "link"]
     assert loading == []
 
@@ -72,7 +72,7 @@ def test_links_lead_to_files_whatever_their_names():
     assert back == ["../" * (FRAME.name.count("/") + 1) + "index.html"]
 
 
-def test_what_is_embedded_is_what_was_given():
+def test_embedded_arrays_equal_the_given_ones():
     found = scene_of(PAGE)
     for name, entry in SCENE["arrays"].items():
         assert_array_equal(decoded(found["arrays"][name]), decoded(entry))
@@ -90,7 +90,7 @@ def test_the_largest_page_stays_below_eight_megabytes():
         Intrinsics(1500, 1500, 800, 600, 1600, 1200),
     )
     result = FrameResult("a", "empty", "nothing", frame.intrinsics)
-    most = ViewConfig(max_pixels=700_000)  # what the command allows
+    most = ViewConfig(max_pixels=700_000)  # the limit of the command
     nothing = len(frame_page(frame_scene(frame, result, load_gripper("rg2"), most), result, STAMP))
     a_grasp = (len(PAGE) - len(frame_page(
         frame_scene(FRAME, toy_result(FRAME, INDEX, 0), load_gripper("rg2"), ViewConfig()),
@@ -105,6 +105,6 @@ def test_every_control_that_the_scripts_ask_for_is_there():
     assert wanted <= ids
 
 
-def test_a_frame_is_put_into_words():
+def test_a_frame_is_described_in_words():
     assert result_words(RESULT) == "5 grasps on 2 of 2 regions"
     assert result_words(toy_result(FRAME, INDEX, 0)) == "empty: nothing stands out"

@@ -1,4 +1,4 @@
-"""The scene that a page draws is the content of the file."""
+"""The scene that a page draws, against the content of the file."""
 
 import json
 from dataclasses import replace
@@ -24,7 +24,7 @@ def array(name: str) -> np.ndarray:
     return decoded(SCENE["arrays"][name])
 
 
-def test_grasps_come_through_to_the_last_bit():
+def test_grasps_are_kept_to_the_last_bit():
     table = RESULT.grasps
     for name in ("rotation", "translation", "contacts", "width", "rank_score", "affordance"):
         assert_array_equal(array(name), getattr(table, name))
@@ -43,7 +43,7 @@ def test_the_hand_has_the_measures_of_its_gripper():
     assert_allclose(size[:, 2, 0], GRIPPER.palm_depth, atol=1e-7)
 
 
-def test_pixels_of_a_region_carry_its_number():
+def test_pixels_of_a_region_have_its_number():
     assert_array_equal(array("region"), np.where(INDEX >= 0, INDEX + 1, 0))
 
 
@@ -54,7 +54,7 @@ def test_the_table_is_found_and_up_points_to_the_camera():
     assert up @ SCENE["focus"]["place"] < 0
 
 
-def test_symmetries_are_drawn_on_themselves_and_near_their_region():
+def test_symmetries_are_drawn_at_their_place_near_their_region():
     points = CAMERA.backproject(FRAME.depth)
     inside = points[(INDEX == 0) & (FRAME.depth > 0)]
     found = {each["slot"]: each for each in region_symmetries(RESULT.regions, 0, inside)}
@@ -74,7 +74,7 @@ def test_symmetries_are_drawn_on_themselves_and_near_their_region():
     assert region_symmetries(table, 0, np.zeros((0, 3))) == []
 
 
-def test_places_count_the_best_first_then_by_score():
+def test_ranks_in_a_region_start_with_the_best_grasp_then_follow_the_score():
     table = toy_result(FRAME, INDEX, grasps=6).grasps
     score = np.array([0.2, 0.9, 0.5, 0.1, 0.3, 0.2])
     table = replace(table, rank_score=score, is_best=np.array([1, 0, 0, 0, 1, 0], bool))
@@ -83,7 +83,7 @@ def test_places_count_the_best_first_then_by_score():
     assert len(places_in_region(GraspTable.empty())) == 0
 
 
-def test_of_too_many_grasps_the_first_of_every_region_are_kept():
+def test_the_first_grasps_of_every_region_are_kept_of_too_many():
     scene = frame_scene(FRAME, RESULT, GRIPPER, ViewConfig(max_grasps=3))
     rows = decoded(scene["arrays"]["row"])
     places = places_in_region(RESULT.grasps)
@@ -92,7 +92,7 @@ def test_of_too_many_grasps_the_first_of_every_region_are_kept():
     assert_array_equal(decoded(scene["arrays"]["translation"]), RESULT.grasps.translation[rows])
 
 
-def test_a_frame_without_grasps_and_numbers_that_are_none_can_be_written():
+def test_a_frame_without_grasps_or_with_missing_numbers_can_be_written():
     empty = replace(RESULT, grasps=GraspTable.empty(), regions=RegionTable.empty())
     assert json.dumps(frame_scene(FRAME, empty, GRIPPER, ViewConfig()), allow_nan=False)
     regions = replace(RESULT.regions, confidence=np.full(2, np.nan))
@@ -101,9 +101,9 @@ def test_a_frame_without_grasps_and_numbers_that_are_none_can_be_written():
     assert json.dumps(frame_scene(FRAME, odd, GRIPPER, ViewConfig()), allow_nan=False)
 
 
-def test_depth_with_holes_beside_most_pixels_is_drawn_as_infer_sees_it():
+def test_depth_with_holes_next_to_most_pixels_is_drawn_as_infer_fills_it():
     sparse = np.zeros_like(FRAME.depth)
-    sparse[1::2, 1::2] = FRAME.depth[1::2, 1::2]  # none of it where every second pixel is kept
+    sparse[1::2, 1::2] = FRAME.depth[1::2, 1::2]  # no depth where every second pixel is kept
     config = ViewConfig(max_pixels=sparse.size // 4)
     scene = frame_scene(replace(FRAME, depth=sparse), RESULT, GRIPPER, config)
     assert scene["camera"]["columns"] == CAMERA.width // 2

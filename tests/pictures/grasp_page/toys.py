@@ -13,7 +13,7 @@ from tests.geometry.tabletops import CAMERA, Box, Can, render
 
 
 def toy_frame(name='desk/a <b>&"c"</script>') -> tuple[Frame, np.ndarray]:
-    """The frame, and (H, W) the object of each pixel from 0, negative where there is none."""
+    """The frame, and (H, W) the object of each pixel from 0, negative without an object."""
     depth, index = render([Can(0.035, 0.12), Box((0.05, 0.05, 0.05), (0.15, 0, 0))])
     color = np.zeros((*depth.shape, 3), np.uint8)
     color[...] = 90 + 40 * (index[..., None] + 1)
@@ -22,7 +22,7 @@ def toy_frame(name='desk/a <b>&"c"</script>') -> tuple[Frame, np.ndarray]:
 
 
 def toy_result(frame: Frame, index: np.ndarray, grasps=5, seed=0) -> FrameResult:
-    """Grasps at random beside two regions: the can has an axis and two planes, the box a plane."""
+    """Random grasps near two regions: the can has an axis and two planes, the box a plane."""
     rng = np.random.default_rng(seed)
     points = CAMERA.backproject(frame.depth)
     masks = [index == 0, index == 1]
@@ -70,7 +70,7 @@ def toy_result(frame: Frame, index: np.ndarray, grasps=5, seed=0) -> FrameResult
 
 
 def scene_of(page: str) -> dict:
-    """What a page draws, read as the browser does."""
+    """The scene that a page draws, read as by a browser."""
     match = re.search(r'<script type="application/json" id="scene">(.*?)</script>', page, re.DOTALL)
     assert match is not None
     return json.loads(match[1])

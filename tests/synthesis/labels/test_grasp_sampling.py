@@ -1,4 +1,4 @@
-"""Grasp labels against slow, obvious checks; collisions in scenes."""
+"""Grasp labels against slow, plain checks; collisions in scenes."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -109,11 +109,11 @@ def test_a_thin_wall_is_held_with_one_finger_inside_the_cup() -> None:
     assert np.isclose(width[free], 0.013, atol=0.0015).any()  # the wall and the margin
 
 
-def test_a_gap_too_narrow_for_a_finger_is_spanned() -> None:
+def test_fingers_close_across_a_gap_too_narrow_for_a_finger() -> None:
     made = sample_grasp_label(fork(), LabelConfig(num_points=12), np.random.default_rng(4))
     tines = made.points[:, 1] > 0.02
     free = ~made.collision[tines]
-    assert (made.offsets[tines][free][:, 2] > 0.03).any()  # around all four
+    assert (made.offsets[tines][free][:, 2] > 0.03).any()  # around all four tines
 
 
 def test_another_grouping_of_the_points_gives_the_same_label() -> None:
@@ -132,7 +132,7 @@ def test_candidates_without_friction_are_marked_as_colliding(label: GraspLabel) 
 def test_objects_wider_than_the_opening_are_infeasible(label: GraspLabel) -> None:
     target = LabelTarget.from_mesh(box())
     narrow = label_points(target, label.points, replace(CONFIG, max_width=0.05))
-    wide = label.offsets[..., 2] > 0.0601  # farther contact beyond 25 mm
+    wide = label.offsets[..., 2] > 0.0601  # the farther contact is beyond 25 mm
     assert (label.min_friction[wide] > 0).any()
     assert (narrow.min_friction[wide] < 0).all()
     slim = (label.min_friction > 0) & (label.offsets[..., 2] < 0.0599)
@@ -169,7 +169,7 @@ def test_same_seed_gives_same_arrays() -> None:
         np.testing.assert_array_equal(getattr(again, name), getattr(label, name))
 
 
-def test_another_grid_than_graspnets_is_refused() -> None:
+def test_a_grid_other_than_graspnets_is_refused() -> None:
     with pytest.raises(ValueRangeError, match="300"):
         sample_grasp_label(box(), LabelConfig(num_views=10), np.random.default_rng(0))
 
@@ -248,4 +248,4 @@ def test_moving_the_whole_scene_changes_no_verdict(label: GraspLabel) -> None:
     here = collide([label, label], poses, table_height=0.0)
     there = collide([label, label], [turn @ pose for pose in poses], table_height=0.5)
     for one, other in zip(here, there, strict=True):
-        assert (one != other).mean() < 1e-5  # rounding, at borders of boxes
+        assert (one != other).mean() < 1e-5  # rounding at borders of boxes

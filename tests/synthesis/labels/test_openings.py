@@ -18,7 +18,7 @@ def side(*surfaces: tuple[float, float]) -> Crossings:
 
 def halves(below: Crossings, above: Crossings) -> list[float]:
     half = openings(below, above, 0.005, 0.06).half[0]
-    return sorted(set(half[np.isfinite(half)].tolist()))  # both sides may ask for the same
+    return sorted(set(half[np.isfinite(half)].tolist()))  # both sides may need the same opening
 
 
 def test_a_solid_between_the_fingers_has_one_opening() -> None:
@@ -34,7 +34,7 @@ def test_a_wall_and_the_far_wall_of_a_cup_have_two() -> None:
 
 
 @pytest.mark.parametrize(("gap", "expected"), [(0.006, [0.015, 0.024]), (0.004, [0.023 - 0.001])])
-def test_a_gap_that_leaves_no_free_line_behind_the_contact_is_spanned(
+def test_an_opening_spans_a_gap_without_a_free_line_behind_the_contact(
     gap: float, expected: list[float]
 ) -> None:
     beyond = ((0.01, 1.0), (0.01 + gap, -1.0), (0.013 + gap, 1.0))
@@ -59,7 +59,7 @@ def test_openings_equal_those_of_a_slow_check(seed: int) -> None:
     for _ in range(2):
         count = int(rng.integers(1, 7))
         distance = np.sort(rng.uniform(0.0, 0.07, count))
-        # Signs mostly in turn, as of a closed surface, and sometimes not.
+        # Signs alternate mostly, as on a closed surface, and sometimes do not.
         cosine = rng.uniform(0.2, 1.0, count) * np.where(np.arange(count) % 2, -1, 1)
         cosine *= rng.choice([-1, 1], count, p=[0.1, 0.9])
         sides.append((distance, cosine))

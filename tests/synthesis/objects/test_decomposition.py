@@ -1,4 +1,4 @@
-"""Convex pieces of meshes: what is cut, and what is a hull as it is."""
+"""Convex pieces of meshes: meshes that are cut, and meshes that are their convex hull."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def refuse(*_args):
     ],
     ids=["a triangle", "a square", "a triangle without area", "two triangles"],
 )
-def test_a_convex_solid_that_lacks_a_triangle_or_two_is_its_hull(faces, monkeypatch):
+def test_the_piece_of_a_convex_solid_without_a_triangle_or_two_is_its_hull(faces, monkeypatch):
     monkeypatch.setattr(convex_decomposition, "decomposed", refuse)
     (piece,) = physics_pieces(Mesh(VERTICES, faces))
     assert piece.volume == pytest.approx(BOX.volume)
@@ -46,7 +46,7 @@ def test_filled_holes_face_outward_and_large_holes_stay():
     assert len(without_small_holes(bowl).faces) == len(bowl.faces)
 
 
-def test_an_open_surface_is_cut_by_a_short_search(monkeypatch):
+def test_open_surfaces_are_cut_by_a_short_search(monkeypatch):
     given = []
 
     def pieces(_mesh, settings):

@@ -20,7 +20,7 @@ from pipelines.synthesis.objects.families.catalogue import FAMILIES, make_shape
 from pipelines.synthesis.objects.pools import FAMILIES_OF_POOL, make_object
 
 ASYMMETRIC = ("lumpy", "sculpture", "stone", "heap", "decoy_carton", "slipper", "carved")
-FLAT = 1e-7  # metres; the triangles of a face that lie within it are one to the solid
+FLAT = 1e-7  # metres; triangles of a face within this distance count as one plane for the solid
 every_family = pytest.mark.parametrize("family", FAMILIES)
 made_once = cache(make_object)
 
@@ -47,7 +47,7 @@ def samples(family, count=150):
 @cache
 def solid(family):
     mesh = instance(family).mesh
-    # Copies: the library takes only writable arrays.
+    # Copies, as the library takes only writable arrays.
     vertices = np.array(mesh.vertices, order="C")
     return Manifold(Mesh64(vertices, np.array(mesh.faces, np.uint64, order="C"))).simplify(FLAT)
 
@@ -96,7 +96,7 @@ def test_object_has_household_size_about_the_origin(family):
 @every_family
 def test_a_gripper_of_ten_centimetres_can_hold_the_object(family):
     low, high = instance(family).mesh.bounds
-    hollow = family in ("bowl", "plate", "ring")  # held by the rim
+    hollow = family in ("bowl", "plate", "ring")  # held at the rim
     assert hollow or (high - low).min() < 0.09
 
 
@@ -132,7 +132,7 @@ def test_asymmetric_objects_have_no_mirror_plane(family):
         ("faceted", [0, 0, 1]),
     ],
 )
-def test_planes_that_are_not_declared_do_not_hold(family, normal):
+def test_undeclared_planes_do_not_hold(family, normal):
     assert gap(family, ReflectionSymmetry(np.array(normal), np.zeros(3)).counterpart) > 3e-4
 
 
@@ -196,7 +196,7 @@ def test_pools_share_no_object_and_novel_ones_no_family():
     assert not set(FAMILIES_OF_POOL["seen"]) & set(FAMILIES_OF_POOL["novel"])
 
 
-def test_every_family_is_present_and_every_name_once():
+def test_every_family_is_present_and_every_name_occurs_once():
     pool = whole_pool("novel")
     assert {made.family for made in pool} == set(FAMILIES_OF_POOL["novel"])
     assert len({made.name for made in pool}) == len(pool)

@@ -1,4 +1,4 @@
-"""Nothing crosses between training, `dev` and `sealed`: no seed, object, family or generator."""
+"""Training, `dev` and `sealed` share no seed, object, family or generator."""
 
 import ast
 import re
@@ -48,7 +48,7 @@ def generator(family: str) -> object:
 
 
 @pytest.mark.parametrize("name", SET_ASIDE)
-def test_a_set_has_a_seed_of_its_own_range_and_every_other_recipe_one_outside(name):
+def test_seeds_of_a_set_are_in_its_range_and_seeds_of_other_recipes_are_outside(name):
     assert int(option("seed", name)) in SET_ASIDE[name]
     texts = [path.read_text(encoding="utf-8") for path in (ROOT / "docs").rglob("*.md")]
     texts += [path.read_text(encoding="utf-8") for path in (ROOT / "tools").rglob("*.sh")]
@@ -68,7 +68,7 @@ def test_no_pool_of_dev_or_sealed_is_trained_on():
     assert trained.isdisjoint(UNSEEN_POOLS)
 
 
-def test_novel_families_are_of_no_training_and_sealed_ones_of_nothing_else():
+def test_novel_families_are_in_no_training_and_sealed_families_in_no_other_set():
     novel, sealed = set(FAMILIES_OF_POOL["novel"]), set(FAMILIES_OF_POOL["sealed"])
     assert pools("dev")[1] == "novel"
     assert pools("sealed")[1] == "sealed"
@@ -83,7 +83,7 @@ def test_no_two_families_share_a_generator():
     }
 
 
-def test_sealed_families_are_made_without_the_code_of_others_and_others_without_theirs():
+def test_code_of_sealed_and_of_other_families_is_separate():
     def imported(path: Path) -> set[str]:
         tree = ast.parse(path.read_text(encoding="utf-8"))
         return {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
@@ -98,8 +98,8 @@ def test_sealed_families_are_made_without_the_code_of_others_and_others_without_
     assert catalogue.SEALED.keys() == set(FAMILIES_OF_POOL["sealed"])
 
 
-def test_no_object_is_in_two_pools_or_of_two_seeds():
-    """The first family of all pools: its objects differ by more than rounding."""
+def test_no_object_is_in_two_pools_or_made_from_two_seeds():
+    """Objects of the first family of all pools differ by more than rounding."""
     made = {
         (pool, seed, index): make_object(pool, index, seed).mesh.volume
         for pool in ("seen", "similar", "wide", "wide_similar")
@@ -120,7 +120,7 @@ def test_sealed_shows_at_least_a_thousand_objects():
     assert 2 * len(shown) >= 1000
 
 
-def test_make_sealed_refuses_to_ask_again():
+def test_make_sealed_refuses_a_second_evaluation():
     (rule,) = re.findall(r"^sealed: .*\n((?:\t.*\n)+)", MAKEFILE, re.MULTILINE)
     first = rule.splitlines()[0]
     assert "build/sealed/report.json" in first

@@ -1,4 +1,4 @@
-"""Building blocks: closed, of the volume their formulas say, with pieces that cover them."""
+"""Building blocks: closed, with the volume of their formulas and pieces that cover them."""
 
 import numpy as np
 import pytest
@@ -40,12 +40,12 @@ SOLIDS = {
         np.pi * (0.03**2 * 0.06 - 0.027**2 * 0.056),
     ),
 }
-# Made anew for each test: solids that live on at exit make their library complain of leaks.
+# Made for each test: solids that live until exit make their library warn of leaks.
 every_solid = pytest.mark.parametrize("name", SOLIDS)
 
 
 @every_solid
-def test_volume_is_the_formulas(name):
+def test_volume_equals_the_formula(name):
     make, volume = SOLIDS[name]
     assert make().body.volume() == pytest.approx(volume, rel=0.01)
 
@@ -77,7 +77,7 @@ def test_pieces_stay_within_the_bounds(name):
 
 @given(st.integers(0, 10_000))
 @settings(max_examples=10, deadline=None)
-def test_moving_moves_the_surface_and_the_pieces_alike(seed):
+def test_moving_moves_the_surface_and_the_pieces_together(seed):
     rng = np.random.default_rng(seed)
     R, t = random_rotation(rng), rng.normal(size=3)
     moved = box(SIZE).moved(R, t)
@@ -100,13 +100,13 @@ def test_a_mirrored_solid_is_still_turned_outward():
     assert mirrored.mesh().bounds[0, 0] == pytest.approx(-0.05, abs=1e-8)
 
 
-def test_bevels_and_roundings_take_away_a_little_and_keep_the_extent():
+def test_bevels_and_roundings_remove_a_little_and_keep_the_extent():
     for cut in (box(SIZE, 0.002), rounded_box(SIZE, 0.005)):
         assert 0.9 * 2.4e-4 < cut.body.volume() < 2.4e-4
         assert_allclose(np.ptp(cut.mesh().bounds, axis=0), SIZE, atol=2.5e-4)
 
 
-def test_layers_overlap_and_leave_nothing_out():
+def test_layers_overlap_and_leave_no_gap():
     points = np.random.default_rng(0).uniform(size=(2000, 3))
     parts = cut_layers(points, 2, 4)
     assert len(parts) == 4

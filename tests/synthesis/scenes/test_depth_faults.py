@@ -1,4 +1,4 @@
-"""Faults of real depth: lost where dark or bright, floating at edges, and nothing made up."""
+"""Faults of real depth: lost where dark or bright, floating at edges, never made up in gaps."""
 
 import numpy as np
 import pytest

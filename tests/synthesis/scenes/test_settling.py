@@ -1,4 +1,4 @@
-"""Objects are dropped, kept and looked at by their middle, wherever their origin is."""
+"""Objects are dropped, kept and viewed by their middle, wherever their origin is."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def kept(item, seed):
 
 
 @pytest.mark.parametrize("offset", [(0.5, 0.0, 0.0), (0.0, 0.4, 0.3), (0.0, 0.0, 0.09)])
-def test_an_origin_off_its_object_loses_no_object(offset):
+def test_objects_with_a_distant_origin_are_not_lost(offset):
     centred, moved = shifted((0, 0, 0)), shifted(offset)
     assert_allclose(moved.centre, offset)
     expected = [kept(centred, seed) for seed in SEEDS]
@@ -55,7 +55,7 @@ def test_cameras_aim_at_the_objects_and_not_at_their_origins():
 
 
 @pytest.mark.parametrize("pool", ["seen", "similar", "novel"])
-def test_of_procedural_objects_the_origin_is_the_middle_to_the_last_bit(pool):
+def test_the_origin_of_procedural_objects_is_their_middle_to_the_last_bit(pool):
     items = [
         SceneObject(i, made.name, made.mesh, made.pieces)
         for i, made in enumerate(make_object(pool, index, 3) for index in range(24))
@@ -68,7 +68,7 @@ def test_of_procedural_objects_the_origin_is_the_middle_to_the_last_bit(pool):
     assert_array_equal(layout.centre, by_origin.poses[:, :3, 3].mean(axis=0))
 
 
-def test_what_is_no_body_is_a_sentence():
+def test_meshes_without_volume_are_reported_in_one_sentence():
     for mesh in (SHEET, Mesh(1e-6 * SHEET.vertices, SHEET.faces)):
         with pytest.raises(SymgraspError, match="make no solid body"):
             refuse_bodiless([mesh])

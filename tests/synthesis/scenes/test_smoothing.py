@@ -57,7 +57,7 @@ def test_no_normal_turns_away_from_the_camera():
 
 @given(st.integers(0, 10_000))
 @settings(max_examples=20, deadline=None)
-def test_shares_of_corners_give_the_point_back(seed):
+def test_barycentric_shares_of_corners_reproduce_the_point(seed):
     rng = np.random.default_rng(seed)
     triangles, shares = rng.normal(size=(20, 3, 3)), rng.dirichlet(np.ones(3), 20)
     points = np.einsum("nk,nki->ni", shares, triangles)

@@ -1,4 +1,4 @@
-"""Bins hold the objects, walls and edges stay clear of them, cameras see past all of it."""
+"""Bins hold the objects, walls and edges stay clear of them, cameras see past both."""
 
 from dataclasses import replace
 
@@ -76,7 +76,7 @@ def test_walls_and_bases_stand_clear_of_all_objects(kind):
             assert depth_in(solid, corners(layout)) < 0.0
 
 
-def test_a_table_ends_beside_the_objects_and_not_under_them():
+def test_a_table_ends_outside_the_objects_and_not_under_them():
     for layout in layouts("edge"):
         table = layout.surroundings.table
         assert table.bounds[1, 2] == 0.0
@@ -110,10 +110,10 @@ def test_surroundings_are_background_and_a_hand_hides_what_is_behind_it():
         assert (shown[1.0].object_index[nearer] == -1).all()
         border = np.ones_like(nearer)
         border[1:-1, 1:-1] = False
-        assert nearer[border].any()  # it comes from outside
+        assert nearer[border].any()  # the hand comes from outside
 
 
-def test_a_hand_stays_above_the_table():
+def test_a_hand_in_the_scene_stays_above_the_table():
     layout = layouts("plain")[0]
     for seed in range(20):
         for pose in viewpoints(layout)[:2]:
@@ -122,7 +122,7 @@ def test_a_hand_stays_above_the_table():
             assert tip[:, 2].max() > 0.0
 
 
-def test_a_plain_scene_does_not_depend_on_what_else_is_listed():
+def test_a_plain_scene_does_not_depend_on_the_other_listed_surroundings():
     alone = drawn_layout(blocks(3), ("plain",), np.random.default_rng(2))
     listed = drawn_layout(blocks(3), ("plain", "plain"), np.random.default_rng(2))
     assert_array_equal(alone.poses, listed.poses)

@@ -1,4 +1,4 @@
-"""Settled scenes and what cameras record of them."""
+"""Settled scenes and their recordings by cameras."""
 
 import numpy as np
 import pytest
@@ -59,7 +59,7 @@ def test_look_at_keeps_the_world_upright_in_the_image():
     assert above[1] < 0  # y points down
 
 
-def test_graspnets_lenses_come_at_their_own_size():
+def test_graspnets_cameras_have_their_own_image_size():
     assert_allclose(sensor_intrinsics("kinect", 1280, 720).fx, 631.54864502)
     assert_allclose(sensor_intrinsics("realsense", 1280, 720).cy, 349.62133789)
     with pytest.raises(UnknownNameError, match="lidar"):
@@ -80,7 +80,7 @@ def test_a_recorded_view_has_labels_where_the_objects_are():
 
 
 @pytest.mark.parametrize(("sensor", "noise"), [("kinect", 0.004), ("realsense", 0.003)])
-def test_sensors_are_right_on_average_and_lose_edges(sensor, noise):
+def test_sensors_are_right_on_average_and_lose_depth_at_edges(sensor, noise):
     T_world_cam = look_at([0.0, -0.5, 0.6], [0, 0, 0])
     scene = Scene([BOX, rectangle(1, 1)], [make_pose(np.eye(3), [0, 0, 0.05]), np.eye(4)])
     hits = cast_view(scene, CAMERA, T_world_cam)
@@ -94,7 +94,7 @@ def test_sensors_are_right_on_average_and_lose_edges(sensor, noise):
 
 
 @pytest.mark.parametrize("sensor", ["kinect", "realsense"])
-def test_no_depth_is_made_up_at_the_border_of_what_there_is(sensor):
+def test_no_depth_is_made_up_at_the_border_of_a_surface(sensor):
     T_world_cam = look_at([0.0, -0.9, 0.25], [0, 0, 0.1])  # over the table's far end, into nothing
     scene = Scene([rectangle(1, 1)], [np.eye(4)])
     hits = cast_view(scene, CAMERA, T_world_cam)

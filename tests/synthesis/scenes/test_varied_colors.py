@@ -35,7 +35,7 @@ def test_textures_are_plain_patterned_dark_light_grey_and_saturated():
     assert tint.max() > 0.4
 
 
-def test_any_colour_is_a_colour():
+def test_any_colour_is_within_range():
     drawn = np.array([any_color(np.random.default_rng(seed)) for seed in range(200)])
     assert drawn.min() > 0.0
     assert drawn.max() <= 1.0
@@ -47,7 +47,7 @@ def test_lamps_shine_from_above_and_are_one_to_four():
     assert all(lamp.direction[2] > 0.0 for each in lamps for lamp in each)
 
 
-def test_a_camera_may_tint_darken_blur_and_compress_and_a_plain_one_does_not():
+def test_a_varied_camera_tints_darkens_blurs_and_compresses_and_a_plain_one_does_not():
     plain = photographed(PICTURE, PLAIN_LOOK, np.random.default_rng(0)).astype(float)
     expected = 255.0 * PICTURE ** (1 / 1.5)
     assert np.abs(plain - expected).mean() < 3.0

@@ -133,7 +133,7 @@ def run(
 
 def _check_kind(output: Path, to: str) -> None:
     if to in TO_FILE and (output.suffix != f".{to}" or output.is_dir()):
-        raise SymgraspError(f"{output} must be one file; give an --out that ends in .{to}")
+        raise SymgraspError(f"{output} must be one file; let --out end in .{to}")
     if to in TO_FOLDER and output.is_file():
         raise SymgraspError(f"{output} is a file; {to} is written as a folder, choose another")
 

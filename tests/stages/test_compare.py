@@ -174,7 +174,7 @@ def test_records_of_another_run_than_the_report_are_refused(tmp_path):
     first, second = write_run(tmp_path / "a"), write_run(tmp_path / "b")
     scene = next(records_folder(second).iterdir())
     scene.write_bytes((records_folder(first) / scene.name).read_bytes())
-    with pytest.raises(FormatError, match="made otherwise"):
+    with pytest.raises(FormatError, match="made in another run"):
         compare.run([first, second], CONFIG)
 
 
@@ -354,7 +354,7 @@ def test_trials_that_cannot_be_paired_are_refused_in_a_sentence(tmp_path):
     first = write_trials_run(tmp_path / "a", 0.5)
     with pytest.raises(SymgraspError, match="other visible objects"):
         compare.run([first, write_trials_run(tmp_path / "b", 0.5, objects=2)], CONFIG)
-    with pytest.raises(SymgraspError, match="no figure in common"):
+    with pytest.raises(SymgraspError, match="no figure is common"):
         compare.run([first, write_run(tmp_path / "c")], CONFIG)
     with pytest.raises(UnknownNameError, match="oracle"):
         compare.run([first, first.with_name("x.json")], replace(CONFIG, row="oracle"))

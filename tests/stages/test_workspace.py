@@ -69,4 +69,4 @@ def test_a_folder_of_others_is_not_replaced(tmp_path):
 def test_regions_outside_of_a_workspace_are_said_to_lie_where_they_do():
     message = planned(box=(5.0, 5.0, 5.0, 6.0, 6.0, 6.0)).message
     assert "is in the workspace; their middles are at x " in message
-    assert "m in the camera's frame" in message
+    assert "m in the camera frame" in message

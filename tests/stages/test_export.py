@@ -409,7 +409,7 @@ def test_frames_of_several_roots_do_not_replace_each_other(grasps, tmp_path):
     assert files == {f"{name}.npy" for name in (*TWO_ROOTS, *others)}
     scenes = dumped_scenes(tmp_path / "dump" / "b" / "scenes")
     assert [scene.scene_id for scene in scenes] == [100, 101]
-    with pytest.raises(SymgraspError, match="its folder a/scenes holds scenes"):
+    with pytest.raises(SymgraspError, match="folder a/scenes in it holds scenes"):
         dumped_scenes(tmp_path / "dump")
 
 

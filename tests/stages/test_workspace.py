@@ -71,4 +71,4 @@ def test_a_folder_with_other_content_is_not_replaced(tmp_path):
 def test_regions_outside_of_a_workspace_are_reported_with_their_place():
     message = planned(box=(5.0, 5.0, 5.0, 6.0, 6.0, 6.0)).message
     assert "is in the workspace; their middles are at x " in message
-    assert "m in the camera's frame" in message
+    assert "m in the camera frame" in message

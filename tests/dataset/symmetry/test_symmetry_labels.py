@@ -130,7 +130,7 @@ AXIS = {"kind": "rotation", "axis": [0, 0, 1], "point": [0, 0, 0]}
         ([{"triangles": [1.5]}], "indices from 0"),
         ([{"name": "lid", "box": [[5, 5, 5], [6, 6, 6]]}], "'lid' has no triangles; its box"),
         ([{"box": [1, 2]}], "two corners"),
-        ([{"box": [[1, 1, 1], [-1, -1, -1]]}], "lower one first"),
+        ([{"box": [[1, 1, 1], [-1, -1, -1]]}], "lower corner first"),
         ([{"box": [[None, 0, 0], [1, 1, 1]]}], "corners|two corners"),
         (
             [{"name": "a", "triangles": [0, 1]}, {"name": "b", "triangles": [2, 1]}],

@@ -262,7 +262,7 @@ def test_an_object_without_symmetry_after_correction_is_cut_into_parts_anew(box)
 def test_corrections_of_an_unknown_object_are_refused_with_the_known_objects(box):
     report = corrected(box, [DROP], name="cup")
     assert report.skipped == ["box"]
-    assert "there are box" in report.failed["cup"]
+    assert "the objects are box" in report.failed["cup"]
 
 
 def test_a_dry_run_corrects_nothing(box):

@@ -259,7 +259,7 @@ def test_each_row_may_have_its_own_success_file(root, truth_file, tmp_path):
     assert figures(output, "second")["success"]["all"]["held"] == 4
     assert figures(output)["success"]["sphere"]["held"] == 15
     assert "20 (8-42)" in output.with_suffix(".html").read_text()
-    with pytest.raises(FormatError, match=r"second\.json.*second one of the row second"):
+    with pytest.raises(FormatError, match=r"second\.json.*second file of row second"):
         run(truth_file, root, output, others=[other], success=[theirs, theirs])
     run(truth_file, root, output, others=[other], success=[theirs])
     assert reports.read_report(output)["success_by_friction"] == {}

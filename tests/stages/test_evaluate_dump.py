@@ -202,7 +202,7 @@ def test_widths_are_clipped_and_a_closed_hand_holds_nothing(root, dump, tmp_path
 
 
 def test_a_wrong_folder_is_refused_with_the_expected_layout(root, dump, tmp_path):
-    with pytest.raises(FormatError, match=r"scene_NNNN.*folder dump holds scenes"):
+    with pytest.raises(FormatError, match=r"scene_NNNN.*folder dump in it holds scenes"):
         run(dump.parent, root, tmp_path / "r.json")
     with pytest.raises(FormatError, match="scene_NNNN"):
         run(root.root, root, tmp_path / "r.json")

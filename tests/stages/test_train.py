@@ -117,7 +117,9 @@ def test_scenes_for_validation_are_not_trained_on(packed, tmp_path):
 
 def test_a_dataset_root_is_refused_as_packed_folder(tmp_path):
     (tmp_path / "scenes").mkdir()
-    with pytest.raises(FormatError, match="is a dataset root; give what `symgrasp pack`"):
+    with pytest.raises(
+        FormatError, match="is a dataset root; give the output folder of `symgrasp pack`"
+    ):
         train.region_sets(tmp_path, None, CONFIG, 0)
 
 

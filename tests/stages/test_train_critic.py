@@ -187,7 +187,7 @@ def test_wrong_roots_are_refused_in_a_sentence(roots, tmp_path):
     records = [ObjectRecord(0, "o", "can", "wide_similar")]
     object_list.write(tmp_path / "objects.json", records, make_stamp("test", {}))
     for learned, held_out in (([tmp_path], roots[1:]), (roots[:1], [tmp_path])):
-        with pytest.raises(SymgraspError, match="kept for judging"):
+        with pytest.raises(SymgraspError, match="kept for evaluation"):
             run("planes", learned, path, held_out=held_out)
     with pytest.raises(ValueRangeError, match="safetensors"):
         run("axes", roots, tmp_path / "x.bin")

@@ -86,6 +86,8 @@ def toml_value(value: object) -> str:
 
 
 def _comment(text: str) -> list[str]:
-    return textwrap.wrap(
-        text, WIDTH, initial_indent="# ", subsequent_indent="# ", break_on_hyphens=False
+    joined = text.replace("D. ", "D.\N{NO-BREAK SPACE}")  # a citation stays on its line
+    lines = textwrap.wrap(
+        joined, WIDTH, initial_indent="# ", subsequent_indent="# ", break_on_hyphens=False
     )
+    return [line.replace("\N{NO-BREAK SPACE}", " ") for line in lines]

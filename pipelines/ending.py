@@ -24,7 +24,7 @@ NO_WORD_OF_LEAKS = "ignore:resource_tracker:UserWarning"
 SHARED_MEMORY = Path("/dev/shm")
 SHOW_CURSOR = "\x1b[?25h"  # a progress bar hides it
 
-_farewell = "the same command goes on from here"
+_farewell = "the same command continues from here"
 _temporary: set[Path] = set()
 _lock = threading.RLock()  # a handler may interrupt the main thread while it holds it
 

@@ -54,7 +54,7 @@ class WriteError(SymgraspError):
 
     def __init__(self, path: Path | str, why: str) -> None:
         super().__init__(
-            f"{path} cannot be written ({why}); once it can, the same command goes on from here"
+            f"{path} cannot be written ({why}); once it can, the same command continues from here"
         )
         self.arguments = (path, why)
 

@@ -26,7 +26,7 @@ def serve(
     seed: Seed = 0,
 ) -> None:
     """Answer posted frames with their grasps over HTTP, models loaded once."""
-    set_farewell("the frames that it had begun are answered")
+    set_farewell("frames in progress are answered")
     from pipelines import serve as stage
     from symgrasp.detector import GraspDetector
 

@@ -48,7 +48,7 @@ def test_a_signal_ends_the_process_where_a_library_catches_everything(tmp_path, 
     command = [sys.executable, "-c", SWALLOWED, str(tmp_path), str(int(number))]
     run = subprocess.run(command, capture_output=True, text=True, check=False)
     assert run.returncode == 128 + number
-    assert run.stderr == f"error: stopped by {number.name}; the same command goes on from here\n"
+    assert run.stderr == f"error: stopped by {number.name}; the same command continues from here\n"
     assert not list(tmp_path.iterdir())
 
 

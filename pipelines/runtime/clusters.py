@@ -76,7 +76,7 @@ def workers_of(backend: str, workers: int) -> Iterator[RunTasks]:
         except TerminatedWorkerError as error:
             raise SymgraspError(
                 "a worker process was ended from outside, most likely for lack of memory; "
-                "give fewer --workers, the same command goes on from here"
+                "give fewer --workers, the same command continues from here"
             ) from error
         finally:
             _await_threads(set(threading.enumerate()) - others)

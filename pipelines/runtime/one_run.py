@@ -89,7 +89,7 @@ def _writes_nothing(given: Mapping[str, Any]) -> bool:
 def held(output: Path, stage: str) -> Iterator[None]:
     """Hold the lock of `output` for a run of `stage`, for as long as the context lasts.
 
-    On a disk that is read-only or supports no locks, the run goes on without a lock.
+    On a disk that is read-only or supports no locks, the run continues without a lock.
 
     Raises:
         OutputInUseError: another process holds the lock.

@@ -202,7 +202,7 @@ def test_the_command_answers_the_example_and_ends_with_sigterm(tmp_path):
             server.send_signal(signal.SIGTERM)
         assert server.wait(timeout=30) == 143
         lines = server.stderr.read().decode().splitlines()
-        assert lines[-1] == "error: stopped by SIGTERM; the frames that it had begun are answered"
+        assert lines[-1] == "error: stopped by SIGTERM; frames in progress are answered"
         assert not any("Traceback" in line for line in lines)
 
 

@@ -34,14 +34,14 @@ compare              several report.json                         compare.json, c
 
 Packages, from the ground up; imports run down only (drawn by `tools/draw_map.py`):
 
-=====  =============  ==============================================================================
+=====  =============  ========================================================================================
 level  package        subject
-=====  =============  ==============================================================================
+=====  =============  ========================================================================================
 1      array_types    Types of arrays, named by their elements
 1      ending         End of a process: by a signal or with its parent; temporary files are removed
 1      errors         Errors that a user can fix: each says what, where, and what would be right
 2      contents       Checks of file contents: types, forms and bounds; each fault is one sentence
-3      configs        Settings of all stages: a frozen dataclass each, with unit, meaning and origin
+3      configs        Settings of all stages: one frozen dataclass per stage, with units, meanings and origins
 4      geometry       Geometry on arrays: transforms, cameras, clouds, symmetries; metres, radians
 4      storage        Files: atomic writes, HDF5, safetensors, provenance, digests
 5      tabletop       Frames of tabletop scenes: support plane, segments, regions, filled depth
@@ -54,14 +54,14 @@ level  package        subject
 7      metrics        Grasp and symmetry metrics on arrays
 8      synthesis      Procedural objects, scenes, sensors and grasp labels with known truth
 8      grasp_files    `grasps.h5`, its shards and tables, and gripper files
-8      refinement     Symmetric copies of annotated grasps, with contacts found anew
+8      refinement     Symmetric copies of annotated grasps, with newly computed contacts
 9      pictures       Pictures and pages of frames, grasps and symmetries
-10     inference      From a frame to its grasps: models, regions, and many frames at once
+10     inference      Computation of a frame's grasps: models, regions, and work on many frames
 11     evaluation     Evaluation of grasps: ground truth, predictions, baselines, figures, tables
-12     annotation     Annotation of an object: symmetries found, given, corrected by a person
+12     annotation     Annotation of an object: symmetries detected, given, or corrected by a person
 12     health         Checks of `doctor`: packages, torch and GPU, the machine, the default weights
 12     learning       Training of the region detector, the grasp network and the critics
 12     serving        Grasps over HTTP: frames in POST requests, and the server that answers them
-12     simulation     Trials of grasps in physics: a table with objects, a gripper, and their record
-=====  =============  ==============================================================================
+12     simulation     Simulated trials of grasps: a table with objects, a gripper, and success rates
+=====  =============  ========================================================================================
 """

@@ -19,7 +19,7 @@ def root_of(folder, *pools):
 
 @pytest.mark.parametrize("pools", [("wide_similar", "novel"), ("wide_similar", "sealed")])
 def test_a_root_made_by_make_dev_or_sealed_is_refused_in_one_sentence(tmp_path, pools):
-    with pytest.raises(SymgraspError, match="kept for judging") as refusal:
+    with pytest.raises(SymgraspError, match="kept for evaluation") as refusal:
         refuse_held_back(root_of(tmp_path, *pools))
     assert "\n" not in str(refusal.value)
 

@@ -48,7 +48,7 @@ def test_regions_are_the_same_in_any_order_and_come_from_processes_asked_to_end(
         np.testing.assert_array_equal(theirs.points, ours.points)
         ask_to_end(pool, signal.SIGKILL)
         pool._futures.clear()
-        with pytest.raises(SymgraspError, match="--resume goes on"):
+        with pytest.raises(SymgraspError, match="continue by --resume"):
             pool.region(10, 0)
 
 

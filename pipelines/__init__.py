@@ -34,14 +34,14 @@ compare              several report.json                         compare.json, c
 
 Packages, from the ground up; imports run down only (drawn by `tools/draw_map.py`):
 
-=====  =============  ========================================================================================
+=====  =============  ==============================================================================
 level  package        subject
-=====  =============  ========================================================================================
+=====  =============  ==============================================================================
 1      array_types    Types of arrays, named by their elements
 1      ending         End of a process: by a signal or with its parent; temporary files are removed
 1      errors         Errors that a user can fix: each says what, where, and what would be right
 2      contents       Checks of file contents: types, forms and bounds; each fault is one sentence
-3      configs        Settings of all stages: one frozen dataclass per stage, with units, meanings and origins
+3      configs        Settings of all stages: one frozen dataclass per stage, with units and origins
 4      geometry       Geometry on arrays: transforms, cameras, clouds, symmetries; metres, radians
 4      storage        Files: atomic writes, HDF5, safetensors, provenance, digests
 5      tabletop       Frames of tabletop scenes: support plane, segments, regions, filled depth
@@ -63,5 +63,5 @@ level  package        subject
 12     learning       Training of the region detector, the grasp network and the critics
 12     serving        Grasps over HTTP: frames in POST requests, and the server that answers them
 12     simulation     Simulated trials of grasps: a table with objects, a gripper, and success rates
-=====  =============  ========================================================================================
+=====  =============  ==============================================================================
 """

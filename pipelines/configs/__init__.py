@@ -1,4 +1,4 @@
-"""Settings of all stages: one frozen dataclass per stage, with units, meanings and origins.
+"""Settings of all stages: one frozen dataclass per stage, with units and origins.
 
 `Sec.` and `Eq.` cite the paper, `D.` a record of docs/decisions.
 """

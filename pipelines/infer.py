@@ -1,9 +1,10 @@
-"""Stage `infer`: RGB-D frames in, ranked grasps out (Sec. III-E, III-F).
+"""Stage `infer`: RGB-D frames in, ranked grasps out (Sec. III-D to III-F).
 
 Reads   a folder of RGB-D frames in any layout that `frames/frames.py` knows; weights
 Writes  one `grasps.h5` for all frames; with overlays, a picture per frame
 
-Frames are processed in parallel, in two processes if there are many. Each finished frame is a shard
+Frames are processed in parallel: in threads, or, if there are many, in processes. Each finished
+frame is a shard
 next to the output until all are done, so a killed run resumes where it stopped and ends with the
 same bytes; the output is joined from the shards, so memory does not grow with the number of frames.
 A frame that cannot be read is listed as failed and does not stop the others; a frame with nothing

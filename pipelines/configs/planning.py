@@ -61,7 +61,7 @@ class CandidateConfig:
     """Contact pairs of a region and the approaches to try at each (Sec. III-E, III-F)."""
 
     min_affordance: float = fraction(
-        0.5, "Least affordance of the first contact of a grasp.", "Sec. III-F"
+        0.5, "Least affordance of the first contact of a grasp.", "Sec. III-E"
     )
     max_pairs: int = count(256, "Most contact pairs tried in a region.", "D. 85")
     pair_spacing: float = setting(
@@ -104,7 +104,7 @@ class FeasibilityConfig:
         0.003, "m", "Point spacing of the scene in collision checks.", BY_EYE, low=1e-4
     )
     body_margin: float = setting(
-        0.001, "m", "Distance by which the gripper's bodies are enlarged.", "D. 101"
+        0.001, "m", "Distance by which the gripper's bodies are enlarged.", BY_EYE
     )
     max_points_inside: int = count(
         2, "Most measured points inside a body, as noise.", "D. 87", low=0

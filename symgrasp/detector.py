@@ -25,8 +25,8 @@ class GraspDetector:
     """Finds grasps in RGB-D frames, with models that are loaded once.
 
     A frame always gives the same grasps, equal to those of `symgrasp infer`. Several threads may
-    call one detector at the same time. Each call uses one core: torch, OpenCV and numpy's matrix
-    products are limited to it while any call runs.
+    call one detector at the same time. Each call with a network uses one core: torch, OpenCV and
+    numpy's matrix products are limited to it while any such call runs.
     """
 
     def __init__(

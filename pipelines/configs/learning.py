@@ -173,7 +173,7 @@ class TrainConfig:
     loss: LossVariant = choice(
         "balanced",
         "Terms: balanced, L^f by the features' variance and L^a by class; or paper, as printed.",
-        "D. 96, D. 1",
+        "D. 1, D. 96, D. 113",
     )
     existence: ExistenceTarget = choice(
         "listed",

@@ -20,7 +20,7 @@ from pipelines.network.pointnet2 import SetAbstraction
 
 # All constants here are chosen by eye.
 MAX_LOG_SCALE = 1.0  # scales stay within [1/e, e] in every layer
-MAX_POINTS = 375  # approximate number of points seen: the pose of a cloud needs no more
+MAX_POINTS = 375  # points seen, or less than twice as many: the pose of a cloud needs no more
 TYPICAL_SPREAD = 0.25  # decimetres, root mean square along an axis, of a cloud that is not scaled
 MIN_SPREAD = 0.01  # decimetres; flat clouds stay flat
 POWER_GAIN = 10.0  # lets one weight learn the power as fast as many learn a regressed number

@@ -1,8 +1,8 @@
 """The training loss (Sec. III-E): consistency, affordance (Eq. 6) and symmetry (Eq. 7).
 
-Every term is a mean over points where the paper has a sum: the weights of the terms are the
-paper's, and the number of queried points does not change the step. `TrainConfig.loss` chooses
-between the terms as printed and balanced terms.
+Every term is a mean over points where the paper has a sum, so the number of queried points does not
+change the step. The weights of the terms are the paper's, except w^f (D. 96). `TrainConfig.loss`
+chooses between the terms as printed and balanced terms.
 """
 
 import torch
@@ -145,9 +145,9 @@ def affordance_loss(
 def symmetry_weights(
     affordance: Tensor,  # (B, Q)
 ) -> Tensor:
-    """Return the weights a_j of Eq. 7 without a gradient, divided by Q times their mean (D. 1).
+    """Return the weights of Eq. 7: a_j plus a floor, without a gradient, by their sum (D. 1).
 
-    Rows sum to one: a sum by these weights is a mean over points.
+    Rows sum to one, so that a sum by these weights is a mean over points.
     """
     weight = affordance.detach().clamp(0.0, 1.0) + WEIGHT_FLOOR
     return weight / weight.sum(-1, keepdim=True)

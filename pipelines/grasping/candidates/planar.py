@@ -158,7 +158,7 @@ def _nearest_in_cells(local: Array) -> tuple[Array, float, Array]:
 
 @compiled
 def _filled(depth: Array, inside: NDArray[np.uint8]) -> Array:
-    """Return `depth` (h, w) with unmeasured cells `inside` set to the nearest depth around."""
+    """Return `depth` (h, w) with unmeasured cells `inside` set to the least depth around."""
     height, width = depth.shape
     filled = depth.copy()
     for row in range(height):

@@ -110,7 +110,7 @@ def average_symmetries(
 
     n and -n are one plane, so the mean direction is the leading eigenvector of the sum of the
     directions' outer products. Centres are weighted medians, coordinate by coordinate; `infer`
-    takes plain means of both, without weights (`mean_slots`, D. 4).
+    weights no point and takes plain means of centres (`mean_slots`, D. 4).
     """
     existence = (torch.sigmoid(prediction.existence) * weight[..., None]).sum(1)
     weighted = prediction.direction * weight[..., None, None]

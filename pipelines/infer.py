@@ -1,13 +1,13 @@
-"""Stage `infer`: RGB-D frames in, ranked grasps out (Sec. III-E, III-F).
+"""Stage `infer`: RGB-D frames in, ranked grasps out (Sec. III-D to III-F).
 
 Reads   a folder of RGB-D frames in any layout that `frames/frames.py` knows; weights
 Writes  one `grasps.h5` for all frames; with overlays, a picture per frame
 
-Frames are processed in parallel, in two processes if there are many. Each finished frame is a shard
-next to the output until all are done, so a killed run resumes where it stopped and ends with the
-same bytes; the output is joined from the shards, so memory does not grow with the number of frames.
-A frame that cannot be read is listed as failed and does not stop the others; a frame with nothing
-to grasp is `empty`.
+Frames are processed in parallel: in threads, or, if there are many, in processes (D. 64). Each
+finished frame is a shard next to the output until all are done, so a killed run resumes where it
+stopped and ends with the same bytes; the output is joined from the shards, so memory does not grow
+with the number of frames. A frame that cannot be read is listed as failed and does not stop the
+others; a frame with nothing to grasp is `empty`.
 """
 
 from collections.abc import Sequence
@@ -57,7 +57,8 @@ def run(
     """Find grasps in all frames of `paths.frames`.
 
     `stated`: camera and unit of all frames, in place of the ones in the files next to them.
-    `timings`: write the seconds of each frame; the file then differs from run to run.
+    `timings`: write the seconds of each frame; the file then differs from run to run. `choice`:
+    the frames of the folder to take.
 
     Raises:
         SymgraspError: no frames, unknown names, weights missing, or the output was made by another

@@ -25,8 +25,8 @@ class GraspDetector:
     """Finds grasps in RGB-D frames, with models that are loaded once.
 
     A frame always gives the same grasps, equal to those of `symgrasp infer`. Several threads may
-    call one detector at the same time. Each call uses one core: torch, OpenCV and numpy's matrix
-    products are limited to it while any call runs.
+    call one detector at the same time. Each call with a network uses one core: torch, OpenCV and
+    numpy's matrix products are limited to it while any such call runs.
     """
 
     def __init__(
@@ -101,15 +101,15 @@ class GraspDetector:
         Args:
             color: (H, W, 3) uint8 RGB, registered to the depth.
             depth: (H, W) floats, metres along the optical axis, or whole numbers, millimetres;
-                0, nan, infinity and 65535 are missing.
+                0, negative, nan and infinity are missing, and 65535 among whole numbers.
             intrinsics: of the depth image: fx, fy, cx, cy in pixels, a (3, 3) camera matrix, or a
                 mapping with the keys of a camera file.
             masks: masks of the objects to grasp, in place of detected regions: (H, W) ids, 0 =
                 background, or (n, H, W) bool. A pixel of several masks belongs to the first.
             workspace: where grasps may be: (H, W) bool, or a box x0, y0, z0, x1, y1, z1 in metres,
                 in the frame that the setting `limits.box_frame` names.
-            depth_units_per_metre: divisor that turns `depth` into metres; by default 1 for floats
-                and 1000 for whole numbers.
+            depth_units_per_metre: divisor that turns `depth` into metres; by default 1 for floats,
+                and for whole numbers that of the camera file in `intrinsics`, else 1000.
 
         Raises:
             SymgraspError: an argument is invalid; the message names the argument and the reason.

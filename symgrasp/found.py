@@ -41,8 +41,9 @@ class FoundRegion:
 
     Attributes:
         box: (4,) float32 pixels x0, y0, x1, y1 of the mask; x1 and y1 are exclusive.
-        confidence: 0 to 1, the detector's score.
-        source: origin of the region: `detector`, `geometric`, `color` or `masks`.
+        confidence: 0 to 1, the detector's score; a constant for regions from other sources.
+        source: origin of the region: `detector`, `geometric`, `color` or `masks`; `rest` for the
+            grasps of a compared method on no other region.
         status: `measured`; `flat` if its depth is that of the table; `no_depth`.
         symmetries: found symmetries, most confident first.
         affordance_mean: predicted affordance over the region's points, 0 to 1; nan without network.

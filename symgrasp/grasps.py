@@ -76,15 +76,19 @@ class Grasps:
         affordance: (n,) float32 predicted at the first contact, 0 to 1.
         symmetry_slot: (n,) int32 slot of the symmetry that gave the second contact; -1
             without a symmetry.
-        source: (n,) str `network`, `planar`, or `random` for the random baseline.
+        source: (n,) str `network`, `planar`, `random` for the random baseline, or the name of a
+            compared method.
         clearance: (n,) float32, scene clearance b of Eq. 8, capped.
         enclosed_height: (n,) float32, enclosed height h of Eq. 8, capped.
         rank_score: (n,) float32, 0 to 1, the order of the grasps: the quality that the grasp
-            critic expects, or s of Eq. 8.
-        ranker: (n,) str, source of `rank_score`: `critic` or `eq8`.
+            critic expects, reduced by the torque of the weight; or s of Eq. 8, reduced in unseen
+            space; or a compared method's own score, of any range.
+        ranker: (n,) str, source of `rank_score`: `critic`, `eq8`, or `own` for a compared method
+            with its own score.
         is_best: (n,) bool, whether the grasp is the first to try of its region.
         rank_in_frame: (n,) int32 place in the order of the frame, 0 for the first grasp to try.
-        worth_trying: (n,) bool, whether `rank_score` is not below the setting `weak_below`.
+        worth_trying: (n,) bool, whether a critic's `rank_score` is not below the setting
+            `weak_below`; True for other rankers.
         symmetry_source: (n,) str, origin of the symmetry: `network`, `shape` or `both`; empty
             without a symmetry.
         regions: all regions of the frame, also those without grasps.

@@ -78,7 +78,7 @@ class NetworkConfig:
         False, "Add the direction to the camera at each point to the input.", "D. 140"
     )
     num_points: int = count(1500, "Input points of a region.", "Sec. III-G")
-    feature_dim: int = count(128, "Features of a point.", BY_EYE)
+    feature_dim: int = count(128, "Features of a point.", "Sec. III-E")
     set_points: tuple[int, int, int, int] = count(
         (384, 128, 32, 8), "Points of each set abstraction level.", BY_EYE
     )
@@ -173,7 +173,7 @@ class TrainConfig:
     loss: LossVariant = choice(
         "balanced",
         "Terms: balanced, L^f by the features' variance and L^a by class; or paper, as printed.",
-        "D. 96, D. 1",
+        "D. 1, D. 96, D. 113",
     )
     existence: ExistenceTarget = choice(
         "listed",

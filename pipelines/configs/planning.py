@@ -61,11 +61,11 @@ class CandidateConfig:
     """Contact pairs of a region and the approaches to try at each (Sec. III-E, III-F)."""
 
     min_affordance: float = fraction(
-        0.5, "Least affordance of the first contact of a grasp.", "Sec. III-F"
+        0.5, "Least affordance of the first contact of a grasp.", "Sec. III-E"
     )
     max_pairs: int = count(256, "Most contact pairs tried in a region.", "D. 85")
     pair_spacing: float = setting(
-        0.006, "m", "Least distance between the first contacts of tried pairs.", "D. 85"
+        0.006, "m", "Edge of the cubes, each with the first contact of one tried pair.", "D. 85"
     )
     num_approach_angles: int = count(
         12, "Approach directions tried about a contact line, M of Sec. III-F.", BY_EYE
@@ -81,7 +81,7 @@ class FeasibilityConfig:
         0.004, "m", "Least height of the object between the fingers.", BY_EYE
     )
     min_table_distance: float = setting(
-        0.004, "m", "Least distance between finger tips and table.", BY_EYE
+        0.004, "m", "Least height of the gripper over the table, on its approach too.", BY_EYE
     )
     keeps_off_plane: bool = choice(
         True, "Keep the gripper above the support plane, also where it is unseen.", BY_EYE
@@ -104,10 +104,10 @@ class FeasibilityConfig:
         0.003, "m", "Point spacing of the scene in collision checks.", BY_EYE, low=1e-4
     )
     body_margin: float = setting(
-        0.001, "m", "Distance by which the gripper's bodies are enlarged.", "D. 101"
+        0.001, "m", "Distance by which the gripper's bodies are enlarged.", BY_EYE
     )
     max_points_inside: int = count(
-        2, "Most measured points inside a body, as noise.", "D. 87", low=0
+        2, "Most measured points inside a body, as noise.", BY_EYE, low=0
     )
     approach_distance: float = setting(
         0.10, "m", "Length of the approach path that must be free.", "D. 77"
@@ -142,10 +142,10 @@ class RankingConfig:
         96, "Most grasps ranked in a region and pass, the most stable first.", "D. 82"
     )
     min_stability: float = fraction(
-        0.85, "Least stability for Eq. 8, relative to the best candidate.", "D. 28"
+        0.85, "Least stability for Eq. 8, relative to the most stable free grasp.", "D. 28"
     )
     critic_min_stability: float = fraction(
-        0.6, "Least stability for the grasp critic, relative to the best candidate.", "D. 82"
+        0.6, "Least stability for the critic, relative to the most stable free grasp.", "D. 82"
     )
     half_torque_arm: float = setting(
         0.09, "m", "Lever arm of the weight that halves a score.", "D. 143", low=1e-3

@@ -1,7 +1,7 @@
 """One RGB-D frame, read from a colour and a depth file, with every common fault detected.
 
-The depth of a frame is float32 metres with 0 = missing: 0, NaN, infinities, negative values and
-65535 in the file all mean missing.
+The depth of a frame is float32 metres with 0 = missing: 0, NaN, infinities, negative values and,
+among whole numbers, 65535 in the file all mean missing.
 """
 
 import functools
@@ -125,6 +125,10 @@ def make_frame(
         camera: camera of the depth; None if it is unknown, which is an error.
         units: see `read_depth`.
         notes: oddities of the frame.
+
+    Raises:
+        FormatError: no camera, a fault of the depth (see `read_depth`), or colour of a size that is
+            no integer ratio of the depth's.
     """
     measured, unit = _metres(*depth, units)
     height, width = measured.shape

@@ -41,7 +41,7 @@ class RegionTable(ColumnTable):
     symmetry_direction: NDArray[Any] = table_column((NUM_SLOTS, 3), np.float32)
     affordance_mean: NDArray[Any] = table_column((), np.float32)  # of the region's points
     affordance_max: NDArray[Any] = table_column((), np.float32)
-    source: NDArray[Any] = table_column((), np.object_)  # detector, geometric, color or masks
+    source: NDArray[Any] = table_column((), np.object_)  # detector, geometric, color, masks or rest
     status: NDArray[Any] = table_column((), np.object_)  # measured, flat or no_depth
     mask_counts: NDArray[Any]  # u4 (sum,) run lengths of all masks, see masks_rle.py
     mask_start: NDArray[Any]  # i8 (r + 1,) start and end of each mask's runs
@@ -97,13 +97,13 @@ class GraspTable(ColumnTable):
     translation: NDArray[Any] = table_column((3,), np.float32)  # metres, midpoint of the contacts
     width: NDArray[Any] = table_column((), np.float32)  # metres, distance of the contacts
     contacts: NDArray[Any] = table_column((2, 3), np.float32)  # metres
-    affordance: NDArray[Any] = table_column((), np.float32)  # predicted, 0..1
-    symmetry_slot: NDArray[Any] = table_column((), np.int32)  # of the counterpart, -1 for planar
-    source: NDArray[Any] = table_column((), np.object_)  # network or planar
+    affordance: NDArray[Any] = table_column((), np.float32)  # predicted, 0..1; 0 for planar
+    symmetry_slot: NDArray[Any] = table_column((), np.int32)  # of the counterpart, -1 without
+    source: NDArray[Any] = table_column((), np.object_)  # network, planar, random or a method
     clearance: NDArray[Any] = table_column((), np.float32)  # metres, b of Eq. 8
     enclosed_height: NDArray[Any] = table_column((), np.float32)  # metres, h of Eq. 8
     rank_score: NDArray[Any] = table_column((), np.float32)  # expected quality, or s of Eq. 8
-    ranker: NDArray[Any] = table_column((), np.object_, optional=True)  # critic or eq8
+    ranker: NDArray[Any] = table_column((), np.object_, optional=True)  # critic, eq8 or own
     is_best: NDArray[Any] = table_column((), np.bool_)  # the best grasp of its region
     rank_in_frame: NDArray[Any] = table_column((), np.int32, optional=True)  # 0 = first
     worth_trying: NDArray[Any] = table_column((), np.bool_, optional=True)  # by score

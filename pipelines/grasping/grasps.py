@@ -193,7 +193,11 @@ def to_graspnet(
 
 
 def from_graspnet(rows: ArrayLike, *, tip_reach: float = 0.0) -> GraspPoses:
-    """Return the grasps of graspnetAPI's `rows` (n, 17); `width` is then the opening."""
+    """Return the grasps of graspnetAPI's `rows` (n, 17), in the frame of the rows.
+
+    `width` is then the opening. `tip_reach`: as in `to_graspnet`; with 0, `translation` is between
+    the finger tips.
+    """
     rows = np.asarray(rows, np.float64).reshape(-1, 17)
     rotation = rows[:, 4:13].reshape(-1, 3, 3)
     forward = (rows[:, 3] - tip_reach)[:, None] * rotation[:, :, 0]

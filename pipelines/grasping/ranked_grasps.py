@@ -21,8 +21,9 @@ class RankedGrasps:
         source: (n,) `network`, `planar` or `random`, or a compared method.
         clearance: (n,) b of Eq. 8 in metres, capped.
         enclosed_height: (n,) h of Eq. 8 in metres, capped.
-        rank_score: (n,) the grasp critic's expected quality (D. 82), or s of Eq. 8, reduced in
-            unseen space (D. 68).
+        rank_score: (n,) the grasp critic's expected quality (D. 82), reduced by the torque of the
+            weight (D. 143); or s of Eq. 8, reduced in unseen space (D. 68); or a compared method's
+            own score.
     """
 
     grasps: GraspPoses

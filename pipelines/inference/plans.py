@@ -46,7 +46,7 @@ class Plan:
 
     @property
     def affordance(self) -> Array:
-        """Affordance (n,) of the region's points; nan without a prediction."""
+        """Affordance (n,) of the region's points; one nan, (1,), without a prediction."""
         return np.array([np.nan]) if self.predicted is None else self.predicted.affordance
 
 

@@ -95,7 +95,10 @@ class _Completion:
         return replace(regions[0], mask=mask)
 
     def is_low(self, mask: Mask) -> bool:
-        """Return whether most of `mask` (H, W) is hardly higher over the plane than the noise."""
+        """Return whether most of `mask` (H, W) is hardly higher over the plane than the noise.
+
+        True for a mask without depth; False without a plane.
+        """
         plane = self.segments.plane
         at = np.flatnonzero(mask & (self.depth > 0))
         if plane is None or not len(at):

@@ -1,6 +1,6 @@
 """Antipodal scores after S4G, by two definitions that give different numbers.
 
-*Contact pair* (Sec. IV of the paper): `|cos a_1 cos a_2|` at the two contacts. *Closing region*:
+*Contact pair* (Sec. IV-A of the paper): `|cos a_1 cos a_2|` at the two contacts. *Closing region*:
 from the mean normals of the outermost layers of surface between the fingers. Both are 1 for a
 perfect grasp and 0 for a useless grasp.
 """

@@ -3,7 +3,7 @@
 Nguyen's condition for two point contacts: the contact line lies in both friction cones. With
 `a_i` the angle between the inward normal of contact i and the line to the other contact, the grasp
 is in force closure for friction mu exactly if `a_i <= arctan(mu)` for both. Hence the smallest
-friction is `mu* = max(tan a_1, tan a_2)`, without the sweep over frictions of Sec. IV.
+friction is `mu* = max(tan a_1, tan a_2)`, without the sweep over frictions of Sec. IV-A.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from pipelines.array_types import Array
 from pipelines.metrics.contacts import Contacts
 
-MAX_FRICTION = 1.0  # Sec. IV: friction is swept over (0, 1]
+MAX_FRICTION = 1.0  # Sec. IV-A: friction is swept over (0, 1]
 FRICTION_GRID = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # of GraspNet's labels
 
 
@@ -42,7 +42,7 @@ def on_grid(friction: ArrayLike, grid: Sequence[float] = FRICTION_GRID) -> Array
 
 
 def quality(friction: ArrayLike, failed: ArrayLike = False) -> Array:
-    """Return grasp quality `1 - mu` (Sec. IV): 0 if mu > 1, if there is no contact, or if `failed`.
+    """Return grasp quality `1 - mu` (n,) (Sec. IV-A); 0 if mu > 1, without contact, or if `failed`.
 
     `friction`: (n,) smallest friction, inf without force closure. `failed`: (n,), e.g. collision.
     """

@@ -18,7 +18,9 @@ from pipelines.configs import AugmentationConfig
 from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
 from pipelines.network.regions import RegionBatch
 
-ALIGNMENT = 0.03  # cosine, or sine, below which two directions count as perpendicular, or parallel
+# Cosine below which two directions count as perpendicular; they count as parallel if it is within
+# the square of this number of 1, at up to 2.4 degrees.
+ALIGNMENT = 0.03
 
 Generators = Sequence[np.random.Generator]  # one per region
 
@@ -66,10 +68,10 @@ def scaled_copy(
 def principal_directions(batch: RegionBatch, generators: Generators) -> tuple[Tensor, Tensor]:
     """Return a random direction (B, 3) along which scaling keeps all planes and axes.
 
-    Candidates are the normals and the axis, their cross products, a random direction across a
-    single normal or axis, and for regions without both (or spheres) a random direction. Measured
-    symmetries may fit each other so badly that no direction keeps all: then the second result (B,)
-    is false.
+    Candidates are the normals and the axis, the cross products of two normals, and a random
+    direction across the first normal, or across the axis. A region with neither, such as a sphere,
+    gets a random direction. Measured symmetries may fit each other so badly that no direction keeps
+    all: then the second result (B,) is false.
     """
     directions = batch.direction[:, :SPHERE_SLOT]  # (B, 4, 3)
     exists = batch.existence[:, :SPHERE_SLOT] > 0

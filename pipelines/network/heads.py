@@ -12,7 +12,9 @@ from pipelines.geometry.symmetry import NUM_SLOTS
 NUM_DIRECTIONS = 4  # slots with a direction: all but the sphere
 FIRST_OUTPUTS = 0.3  # scale of the last layers' first weights, relative to Kaiming's
 POWER_STEPS = 4  # squarings: the second eigenvalue's ratio to the first fades to its 16th power
-POSITIVE_SHIFT = 1.2  # no eigenvalue of a matrix with six numbers of unit length is below -1.2
+# Of a matrix with six numbers of unit length, eigenvalues are -1.3 to 1.3, the largest at least
+# -0.58: shifted, the largest is at least 0.6 and the largest in size.
+POSITIVE_SHIFT = 1.2
 TINY_LENGTH, TINY_SQUARE = 1e-6, 1e-24  # keep quotients and gradients finite at zero
 
 
@@ -69,8 +71,8 @@ def leading_direction(
 ) -> Tensor:
     """Return the unit eigenvector (..., 3) of the largest eigenvalue of a symmetric matrix.
 
-    `six` holds xx, yy, zz, xy, xz, yz. A high power of the matrix, made positive, has columns
-    that are all along the eigenvector; the result is the longest. This has a gradient everywhere,
+    `six` holds xx, yy, zz, xy, xz, yz. A high power of the shifted matrix has columns that are all
+    along the eigenvector; the result is the longest. This has a gradient everywhere,
     also where two eigenvalues are equal.
     """
     # Entries are the first axis, so that a product of many 3 x 3 matrices is a few long sums.
@@ -78,7 +80,7 @@ def leading_direction(
     rows = rows / (_length(rows) + TINY_LENGTH)
     power = (*(rows[:3] + POSITIVE_SHIFT).unbind(), *rows[3:].unbind())
     for _ in range(POWER_STEPS):
-        # No overflow: eigenvalues are between 0.6 and 2.2, and their 16th powers are not large.
+        # No overflow: eigenvalues are between -0.1 and 2.5, and 2.5 ** 16 is about 2e6.
         power = _squared(*power)
     xx, yy, zz, xy, xz, yz = power
     column = torch.where(yy > xx, torch.stack([xy, yy, yz]), torch.stack([xx, xy, xz]))

@@ -1,8 +1,8 @@
 """The training loss (Sec. III-E): consistency, affordance (Eq. 6) and symmetry (Eq. 7).
 
-Every term is a mean over points where the paper has a sum: the weights of the terms are the
-paper's, and the number of queried points does not change the step. `TrainConfig.loss` chooses
-between the terms as printed and balanced terms.
+Every term is a mean over points where the paper has a sum, so the number of queried points does not
+change the step. The weights of the terms are the paper's, except w^f (D. 96). `TrainConfig.loss`
+chooses between the terms as printed and balanced terms.
 """
 
 import torch
@@ -37,7 +37,7 @@ NUM_ERROR_POINTS = 16  # points of the region on which dense errors are measured
 def total_loss(
     prediction: Prediction,
     truth: RegionBatch,
-    pair: tuple[Tensor, Tensor] | None,  # each (P, Q, 128)
+    pair: tuple[Tensor, Tensor] | None,  # each (B / 2, Q, 128)
     config: TrainConfig,
     points: Tensor,  # (B, S, 3)
     labelled: Tensor | None = None,  # (B,)
@@ -47,8 +47,8 @@ def total_loss(
     Args:
         prediction: prediction at the Q queried points.
         truth: labels of the same points.
-        pair: features of points in initial regions and in scaled copies; None without Siamese
-            training.
+        pair: features of points in the initial regions, the first half of the batch, and in their
+            scaled copies, the second half; None without Siamese training.
         config: weights of the terms.
         points: points of the regions, metres, for the measurement of dense errors.
         labelled: 1 where labels hold, 0 where they are ignored; None if all labels hold.
@@ -103,7 +103,7 @@ def plain_consistency(
     features: Tensor,  # (B, Q, C)
     copy_features: Tensor,  # (B, Q, C)
 ) -> Tensor:
-    """Return L^f as printed: the squared distance of a point's two features."""
+    """Return L^f as printed, a mean over points: the squared distance of a point's two features."""
     return (features - copy_features).square().sum(-1).mean()
 
 
@@ -145,7 +145,10 @@ def affordance_loss(
 def symmetry_weights(
     affordance: Tensor,  # (B, Q)
 ) -> Tensor:
-    """Return the weights a_j of Eq. 7 without a gradient; rows sum to one (D. 1)."""
+    """Return the weights of Eq. 7: a_j plus a floor, without a gradient, by their sum (D. 1).
+
+    Rows sum to one, so that a sum by these weights is a mean over points.
+    """
     weight = affordance.detach().clamp(0.0, 1.0) + WEIGHT_FLOOR
     return weight / weight.sum(-1, keepdim=True)
 

@@ -17,7 +17,8 @@ from pipelines.network.sampling import gather
 # Inside the network lengths are decimetres: a household object is then about one unit long.
 UNITS_PER_METER = 10.0
 
-# Per level: widths of the set abstraction's three layers, and of the propagation back to it.
+# Per level: widths of the set abstraction's three layers; the last one is also the width of the
+# propagation back to the second and the third level.
 SET_DIMS = ((32, 64, 64), (64, 128, 128), (128, 192, 192), (192, 256, 256))
 
 

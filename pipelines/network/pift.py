@@ -20,7 +20,7 @@ from pipelines.network.pointnet2 import SetAbstraction
 
 # All constants here are chosen by eye.
 MAX_LOG_SCALE = 1.0  # scales stay within [1/e, e] in every layer
-MAX_POINTS = 375  # approximate number of points seen: the pose of a cloud needs no more
+MAX_POINTS = 375  # points seen, or less than twice as many: the pose of a cloud needs no more
 TYPICAL_SPREAD = 0.25  # decimetres, root mean square along an axis, of a cloud that is not scaled
 MIN_SPREAD = 0.01  # decimetres; flat clouds stay flat
 POWER_GAIN = 10.0  # lets one weight learn the power as fast as many learn a regressed number
@@ -30,7 +30,11 @@ MAX_GROUPS, GROUP_SIZE = 64, 16  # groups of the point convolution
 
 @dataclass(frozen=True)
 class Deformation:
-    """T = S R about a centre, one for each cloud of a batch."""
+    """T = S R about a centre, one for each cloud of a batch.
+
+    Points P_i are in the axes of the network's input: the camera's in the paper, by default the
+    table's here (D. 69).
+    """
 
     rotation: Tensor  # (B, 3, 3), R of Eq. 3
     scale: Tensor  # (B, 3), the diagonal of S
@@ -49,7 +53,7 @@ class Deformation:
         self,
         points: Tensor,  # (B, N, 3)
     ) -> Tensor:
-        """Return deformed points in the camera frame, R^T S^-1 (p - c) + c.  # Eq. 5."""
+        """Return deformed points in the frame of P_i, R^T S^-1 (p - c) + c.  # Eq. 5."""
         center = self.center[:, None]
         return ((points - center) / self.scale[:, None]) @ self.rotation + center
 
@@ -57,7 +61,7 @@ class Deformation:
         self,
         normals: Tensor,  # (B, N, 3)
     ) -> Tensor:
-        """Return unit normals, in the camera frame, of planes with `normals` among deformed points.
+        """Return unit normals, in the frame of P_i, of planes with `normals` among deformed points.
 
         A plane n . T(p) = d is (T^T n) . p = d: normals go through R^T S.
         """
@@ -67,7 +71,7 @@ class Deformation:
         self,
         directions: Tensor,  # (B, N, 3)
     ) -> Tensor:
-        """Return unit directions, in the camera frame, of lines among deformed points: R^T S^-1."""
+        """Return unit directions, in the frame of P_i, of lines among deformed points: R^T S^-1."""
         return functional.normalize((directions / self.scale[:, None]) @ self.rotation, dim=-1)
 
 

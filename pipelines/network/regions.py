@@ -61,7 +61,7 @@ class RegionBatch:
             points=self.points @ matrix.transpose(1, 2),
             center=self.center @ matrix.transpose(1, 2),
             direction=turned,
-            ground=self.ground * matrix[:, 2, 2],  # exact but for small turns of the table
+            ground=self.ground * matrix[:, 2, 2],  # exact unless the map tilts the table
             camera=torch.einsum("bij,bj->bi", matrix, self.camera),
         )
 

@@ -22,7 +22,7 @@ from pipelines.tabletop.tabletop import find_tabletop
 CHANNEL_NAMES = ("normal_x", "normal_y", "upright", "height", "step", "missing")
 FIT_RADIUS = 2  # pixels around a pixel to which its normal is fitted
 HEIGHT_UNIT = 0.08  # metres over the table per unit of the channel `height`
-STEP_UNIT = 0.01  # metres of depth between neighbouring pixels per unit of the channel `step`
+STEP_UNIT = 0.01  # metres of depth beyond the mean of 5 x 5 pixels per unit of the channel `step`
 LIMIT = 3.0  # channels are clipped to +-LIMIT
 
 

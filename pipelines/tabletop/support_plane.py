@@ -142,8 +142,8 @@ def _candidates(
             continue
         plane, behind = _plane_of(affine, intrinsics), residual < -2.0 * config.plane_tolerance
         beneath = _seen_through(seen.points, behind, plane, _in_large_parts(seen, inliers))
-        # The normal of a table seen from above leans to the image's top, a wall's normal does not.
-        # Cameras overhead or upside down are possible, so other planes only weigh less.
+        # For a camera that looks down, a table's normal leans to the image's top (negative y), a
+        # wall's to its bottom. Cameras upside down are possible, so the latter only weigh less.
         facing = 1.0 if plane.normal[1] < 0.3 else 0.6
         evidence = facing * (own - config.beneath_weight * beneath)
         found.append(_Candidate(Support(affine, plane), evidence))
@@ -153,8 +153,8 @@ def _candidates(
 def _is_floor(candidate: _Candidate, best: _Candidate, seen: _Seen) -> bool:
     """Return whether `candidate` is the floor of a bin of which `best` is a side.
 
-    A floor is steep to that side and almost entirely surrounded by nearer surfaces. Its outline
-    does not touch the image border.
+    A floor is at more than 15 degrees to that side and almost entirely surrounded by nearer
+    surfaces. Its outline does not touch the image border.
     """
     if abs(candidate.support.plane.normal @ best.support.plane.normal) > SIDE:
         return False

@@ -44,7 +44,8 @@ class Tabletop:
     @property
     def height_noise(self) -> float:
         """Largest height of noise over the plane, metres per metre of depth."""
-        # The depth error is noise z^2 along the ray, whose cosine to the normal is offset / z.
+        # A depth error of noise z^2 moves a point on the plane by offset / z times as much along
+        # the normal.
         return 0.0 if self.plane is None else NOISE_FACTOR * self.noise * float(self.plane.offset)
 
     def threshold(self, z: ArrayLike, config: RegionConfig) -> Array:

@@ -116,8 +116,9 @@ def _best_images(
 ) -> tuple[Indices, Array]:
     """Return the index (n,) of the image in `images` (n, k, 3) for each of `points` (n, 3), or -1.
 
-    Also the cosine (n,) between the point's normal and the line to the image. `widths`: the least
-    and the greatest distance of the two.
+    Also the cosine (n,), of either sign without it, between the point's normal and the line to the
+    image. `real` (n, k): images that the depth does not exclude. `widths`: the least and the
+    greatest distance of point and image, metres.
     """
     narrow, wide = widths
     best, cosine = np.full(len(points), -1, np.int64), np.zeros(len(points))

@@ -21,13 +21,13 @@ from pipelines.grasping.feasibility.feasibility import Feasibility
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 
 SLICE_DEPTHS = (0.006, 0.013, 0.025, 0.045, 0.08)  # metres behind the nearest point
-TILTS = (0.0, 0.35, 0.7, 1.0)  # shares of the way from the table's normal to the view ray
+TILTS = (0.0, 0.35, 0.7, 1.0)  # shares of the way from straight into the table to the view ray
 THINNEST = 0.004  # metres, least depth of a slice behind the nearest point
 STEEP_APPROACH = 0.9  # cosine to the table's normal from which the table bounds the depth
 MAX_BOUNDARY = 72  # boundary points per slice
 MAX_PAIRS = 24  # pairs per slice
 PLACE = 4.0  # cells, side of a square with at most one pair's middle
-MIN_HOLDING = 0.8  # cosine of the contact angle; rubber pads slip at about 0.75, 37 degrees
+MIN_HOLDING = 0.8  # cosine of the contact angle, 37 degrees: friction of rubber pads is about 0.75
 ANGLES = np.radians([0.0, 20.0, -20.0, 40.0, -40.0])  # about the contact line
 HIDDEN_PENALTY = 0.3  # of the confidence that a boundary facing away is the object's end
 MIN_CELL, MAX_CELLS = 0.002, 120  # metres; cells along the longer side
@@ -38,7 +38,7 @@ MARGIN = 3  # empty cells about the region
 class HeightMap:
     """A region seen along `approach`: the depth of the nearest point in each cell of a grid."""
 
-    axes: Array  # (3, 3) columns approach, right, down
+    axes: Array  # (3, 3) columns approach, and any two across, called right and down
     low: Array  # (2,) metres, corner of the grid
     cell: float
     depth: Array  # (rows, columns) metres along approach, inf where empty
@@ -158,7 +158,7 @@ def _nearest_in_cells(local: Array) -> tuple[Array, float, Array]:
 
 @compiled
 def _filled(depth: Array, inside: NDArray[np.uint8]) -> Array:
-    """Return `depth` (h, w) with unmeasured cells `inside` set to the nearest depth around."""
+    """Return `depth` (h, w) with unmeasured cells `inside` set to the least depth around."""
     height, width = depth.shape
     filled = depth.copy()
     for row in range(height):
@@ -188,8 +188,8 @@ def _slopes(smooth: Array, cells: Indices) -> Array:
 def _wall_steepness(depth: Array, at: float, cell: float, cells: Array, outward: Array) -> Array:
     """Return the sine (n,) between the wall below a boundary cell and the plane of the slice.
 
-    Two cells farther out the region has either ended (a wall as steep as can be seen) or is deeper
-    by an amount that gives the slope. `depth`: (h, w), sliced `at` metres.
+    Two and a half cells farther out the region has either ended (a wall as steep as can be seen) or
+    is deeper by an amount that gives the slope. `depth`: (h, w), sliced `at` metres.
     """
     height, width = depth.shape
     steep = np.ones(len(cells))

@@ -20,8 +20,9 @@ class Surroundings:
     """Thinned observed points around a region.
 
     Attributes:
-        all: measured points above the floor, one per cell, including the region.
-        others: points outside of the region, including points beneath the floor.
+        all: points above the floor, one per cell, including the region: measured, and unseen ones
+            that `with_unseen` adds.
+        others: measured points outside of the region, including points beneath the floor.
         centre: (3,) metres, centre of the ball that contains the points.
         radius: metres, radius of this ball.
         floor: plane that no gripper goes beneath; None without one.
@@ -51,7 +52,7 @@ class Surroundings:
         return cls(Obstacles(*found[:2]), Obstacles(*found[2:]), centre, radius, floor)
 
     def with_unseen(self, points: Array) -> "Surroundings":
-        """Return the surroundings with those of `points` (m, 3) that are in the ball.
+        """Return the surroundings with those of `points` (m, 3) in the ball and above the floor.
 
         `points` are known by symmetry alone; each counts as one measured point in `all`.
         """

@@ -69,7 +69,7 @@ def hidden_points(
     scene: SceneCloud,
     resolution: float,
 ) -> Array:
-    """Return the points (h, 3) of `region` that `symmetries` predict in unseen space."""
+    """Return the images (h, 3) of the points of `region`, on or behind the seen surface."""
     images = [np.zeros((0, 3))]
     for _, symmetry in symmetries:
         if isinstance(symmetry, RotationSymmetry):

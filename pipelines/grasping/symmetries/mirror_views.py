@@ -41,7 +41,7 @@ class PlanePointFeature(IntEnum):
     NORMAL_NORMAL = auto()  # the surface normal in the plane's axes
     NORMAL_UP = auto()
     NORMAL_ACROSS = auto()
-    IMAGE_DISTANCE = auto()  # to the nearest seen point of the region, in `FARTHEST`
+    IMAGE_DISTANCE = auto()  # to the nearest seen point of the region; 0.9 at `FARTHEST`
     IMAGE_GAP = auto()  # same along that point's normal, in `FARTHEST_GAP`
     IMAGE_AGREEMENT = auto()  # cosine of that normal and the mirrored normal
     IMAGE_BEHIND = auto()  # the depth measured at its pixel, half decimetres

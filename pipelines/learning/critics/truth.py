@@ -11,7 +11,7 @@ from pipelines.metrics.symmetry_matching import TrueRegion, implied_symmetries, 
 AXIS_ANGLE = np.radians(12.0)  # largest angle of a true axis to the listed axis; chosen by eye
 AXIS_OFFSET = 0.008  # metres, largest distance of a true axis from the listed axis
 CENTRE_OFFSET = 0.02  # metres between the centres of spheres, at most
-HIT_ERROR = 0.25  # dense symmetry error of a hit (Sec. IV-B)
+HIT_ERROR = 0.25  # dense symmetry error of a hit (Sec. IV-E, D. 11)
 # Largest error of a true plane, about half of HIT_ERROR: fingers need more precision than a hit.
 PLANE_ERROR = 0.134
 ALIKE = 0.8  # least cosine of normals of two planes whose error is worth computing

@@ -135,7 +135,7 @@ def sample_loss(
 ) -> dict[str, Tensor]:
     """Return the terms of the loss of one micro-batch by name, `total` among them.
 
-    Both branches learn from labels, without Siamese training separately (Sec. IV-C). A scaled
+    Both branches learn from labels, without Siamese training separately (Sec. IV-D). A scaled
     sphere has no label, so only the features of such a copy count.
     """
     both = RegionBatch.joined(sample.regions, sample.copies).to(device)

@@ -109,7 +109,8 @@ def average_symmetries(
     prediction's.
 
     n and -n are one plane, so the mean direction is the leading eigenvector of the sum of the
-    directions' outer products. Centres are weighted medians, coordinate by coordinate.
+    directions' outer products. Centres are weighted medians, coordinate by coordinate; `infer`
+    weights no point and takes plain means of centres (`mean_slots`, D. 4).
     """
     existence = (torch.sigmoid(prediction.existence) * weight[..., None]).sum(1)
     weighted = prediction.direction * weight[..., None, None]

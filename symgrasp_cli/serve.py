@@ -5,7 +5,8 @@ import typer
 from pipelines.configs import InferConfig, ServeConfig
 from pipelines.configs.stages import ServeSettings, part
 from pipelines.ending import set_farewell
-from symgrasp_cli.options import CameraToBase, Device, Seed
+from symgrasp_cli.arguments import SymmetryModels
+from symgrasp_cli.options import CameraToBase, Device, GraspCriticWeights, Seed
 from symgrasp_cli.report import manner
 from symgrasp_cli.settings import named_as, with_settings
 
@@ -22,6 +23,8 @@ def serve(
     config: ServeSettings,
     *,
     camera_to_base: CameraToBase = None,
+    models: SymmetryModels,
+    grasp_critic: GraspCriticWeights = None,
     device: Device = "auto",
     seed: Seed = 0,
 ) -> None:
@@ -31,7 +34,13 @@ def serve(
     from symgrasp.detector import GraspDetector
 
     http = part(ServeConfig, config.http)
-    detector = GraspDetector(device=device, settings=part(InferConfig, config), seed=seed)
+    detector = GraspDetector(
+        device=device,
+        settings=part(InferConfig, config),
+        grasp_critic=grasp_critic,
+        seed=seed,
+        **models,
+    )
     app = stage.app_of(detector.frame_result, detector.gripper, http, camera_to_base)
     if not manner().quiet:
         typer.echo(f"serving on http://{http.host}:{http.port}/grasps until Ctrl-C", err=True)

@@ -4,7 +4,7 @@
 # The third word `paper` makes the two networks of the paper as printed, `--preset paper`, which needs
 # no critics; COCO=FILE names torchvision's COCO weights for the detector to start from.
 # Every step is a documented command. A finished step is skipped and an interrupted step continues, so
-# that the same call resumes after a kill. `full` takes days of a core, `small` two hours, and `tiny`
+# that the same call resumes after a kill. `full` takes days of a core, `small` an hour and a half, and `tiny`
 # minutes: its weights are useless and only show that the chain works.
 set -eu
 

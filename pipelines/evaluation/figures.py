@@ -109,9 +109,10 @@ def _means(row: RowTally, counted: Mask, suffix: str) -> dict[str, float | None]
 def swept_quality(quality: ArrayLike) -> Array:
     """Return (n,) qualities by a sweep of the friction in steps of `SWEEP_STEP`: rounded down.
 
-    A grasp of quality 1 - mu holds at the next friction of the sweep.
+    A grasp of quality 1 - mu holds at the next friction of the sweep, which begins at one step.
     """
-    return np.asarray(np.floor(np.asarray(quality, np.float64) / SWEEP_STEP + 1e-9) * SWEEP_STEP)
+    steps = np.floor(np.asarray(quality, np.float64) / SWEEP_STEP + 1e-9)
+    return np.asarray(np.minimum(steps * SWEEP_STEP, 1.0 - SWEEP_STEP))
 
 
 def _mean(values: ArrayLike, counted: Mask) -> float | None:

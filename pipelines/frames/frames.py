@@ -14,6 +14,7 @@ from pipelines.storage.files import real_path
 from pipelines.storage.unfinished import refuse_unfinished
 
 GRASPNET_CAMERAS = ("kinect", "realsense")
+SCENE = re.compile(r"scene_(\d{4})")  # folder of a GraspNet scene
 
 
 def find_frames(
@@ -39,7 +40,8 @@ def find_frames(
         may_be_empty: a folder without frames gives an empty list, no error.
 
     Raises:
-        SymgraspError: no such folder, no frames in it, or a dataset that is unfinished.
+        SymgraspError: no such folder, no frames in it, a dataset that is unfinished, or a camera
+            or scenes chosen in a folder without GraspNet scenes.
     """
     if not folder.is_dir():
         sources = [found for found in _beside(folder, stated) if folder in found.files]
@@ -50,6 +52,10 @@ def find_frames(
     sources = _search(folder, "", stated, partial(_is_wanted, camera, scenes))
     if not sources and not may_be_empty:
         raise SymgraspError(why_no_frames(folder))
+    if (camera or scenes) and sources and not any(map(_is_of_a_scene, sources)):
+        raise SymgraspError(
+            f"{folder} holds no GraspNet scenes (scene_NNNN); leave out --split and --camera"
+        )
     return sources
 
 
@@ -66,8 +72,12 @@ def _is_wanted(camera: str | None, scenes: Container[int] | None, folder: str) -
     """Return whether a folder of a GraspNet root is wanted; all other folders are."""
     if folder in GRASPNET_CAMERAS:
         return camera in (None, folder)
-    scene = re.fullmatch(r"scene_(\d{4})", folder)
+    scene = SCENE.fullmatch(folder)
     return scene is None or scenes is None or int(scene[1]) in scenes
+
+
+def _is_of_a_scene(source: FrameSource) -> bool:
+    return any(map(SCENE.fullmatch, source.files[0].absolute().parts))
 
 
 def _search(

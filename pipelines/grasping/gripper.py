@@ -25,7 +25,7 @@ class Gripper:
         palm_height: height of the palm along the binormal.
         tip_reach: distance of the tips past the contact line along approach.
         clearance: free distance between contact and open finger, each side.
-        flange_to_tip: from the mounting flange to the finger tips, for exporters.
+        flange_to_tip: from the mounting face to the finger tips, for exporters.
     """
 
     name: str
@@ -59,7 +59,7 @@ class Gripper:
 
     @property
     def base_to_contacts(self) -> float:
-        """Distance from the mounting flange, the gripper base, to the contact line, on approach."""
+        """Distance from the mounting face, the gripper base, to the contact line, on approach."""
         return self.flange_to_tip - self.tip_reach
 
     def opening(self, width: ArrayLike) -> Array:

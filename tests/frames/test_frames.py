@@ -122,6 +122,18 @@ def test_frames_are_named_and_sorted(flat: Path, color: np.ndarray) -> None:
     assert_array_equal(sources[0].read().color, color)
 
 
+@pytest.mark.parametrize("chosen", [{"camera": "kinect"}, {"scenes": range(100)}])
+def test_a_split_or_camera_of_a_folder_without_scenes_is_refused(
+    flat: Path, chosen, tmp_path_factory
+) -> None:
+    with pytest.raises(SymgraspError, match=r"holds no GraspNet scenes .* leave out --split"):
+        find_frames(flat, **chosen)
+    root = tmp_path_factory.mktemp("root")
+    (root / "scenes").mkdir()
+    flat.rename(root / "scenes" / "scene_0007")
+    assert len(find_frames(root, **chosen)) == 2
+
+
 def test_a_picture_of_the_depth_is_not_taken_for_colour(flat: Path, color: np.ndarray) -> None:
     cv2.imwrite(str(flat / "a_depth_color.png"), color)
     assert [source.name for source in find_frames(flat)] == ["a", "b"]

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from typer.testing import CliRunner
 
 from examples import post_frame
 from pipelines import serve
@@ -27,6 +28,7 @@ from pipelines.errors import SymgraspError
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.inference.models import WEIGHTS
 from symgrasp.frame_input import frame_of
+from symgrasp_cli.app import app
 from tests.grasp_files.exports.gripper_toys import random_result
 
 testclient = pytest.importorskip("fastapi.testclient", reason="the extra serve")
@@ -53,6 +55,15 @@ def raw(array) -> dict:
 
 def post(**changes) -> dict:
     return {"color": png(COLOR), "depth": png(DEPTH), "intrinsics": [9, 9, 8, 6], **changes}
+
+
+@pytest.mark.parametrize("option", ["detector", "network", "plane-critic", "grasp-critic"])
+def test_weights_of_another_model_are_refused_before_the_server_listens(option):
+    run = CliRunner().invoke(
+        app, ["serve", f"--{option}", str(WEIGHTS / "axis_critic.safetensors")]
+    )
+    assert run.exit_code == 1
+    assert "axis_critic.safetensors" in run.stderr
 
 
 def test_a_frame_is_answered_with_its_grasps_best_first():

@@ -37,9 +37,12 @@ def serve(
     detector = GraspDetector(
         device=device,
         settings=part(InferConfig, config),
+        detector=models["detector"],
+        network=models["network"],
+        axis_critic=models["axis_critic"],
+        plane_critic=models["plane_critic"],
         grasp_critic=grasp_critic,
         seed=seed,
-        **models,
     )
     app = stage.app_of(detector.frame_result, detector.gripper, http, camera_to_base)
     if not manner().quiet:

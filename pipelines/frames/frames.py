@@ -14,7 +14,7 @@ from pipelines.storage.files import real_path
 from pipelines.storage.unfinished import refuse_unfinished
 
 GRASPNET_CAMERAS = ("kinect", "realsense")
-SCENE = re.compile(r"scene_(\d{4})")  # folder of a GraspNet scene
+GRASPNET_SCENE = re.compile(r"scene_(\d{4})")  # folder of a GraspNet scene
 
 
 def find_frames(
@@ -72,12 +72,12 @@ def _is_wanted(camera: str | None, scenes: Container[int] | None, folder: str) -
     """Return whether a folder of a GraspNet root is wanted; all other folders are."""
     if folder in GRASPNET_CAMERAS:
         return camera in (None, folder)
-    scene = SCENE.fullmatch(folder)
+    scene = GRASPNET_SCENE.fullmatch(folder)
     return scene is None or scenes is None or int(scene[1]) in scenes
 
 
 def _is_of_a_scene(source: FrameSource) -> bool:
-    return any(map(SCENE.fullmatch, source.files[0].absolute().parts))
+    return any(map(GRASPNET_SCENE.fullmatch, source.files[0].absolute().parts))
 
 
 def _search(

@@ -16,6 +16,7 @@ from pipelines.errors import FormatError
 from pipelines.storage.checkpoints import load_weights
 
 Config = TypeVar("Config")
+CAMERA_INPUTS = 3  # inputs of a point for the direction to the camera
 MOST_NAMED = 3  # most tensors of a kind that an error names
 
 
@@ -64,17 +65,18 @@ def fill(module: nn.Module, tensors: dict[str, Tensor], path: Path) -> None:
 
 
 def widened(tensors: Mapping[str, Tensor], module: nn.Module) -> dict[str, Tensor]:
-    """Return weights of a network with fewer inputs, padded so that `module` has its outputs.
+    """Return the weights of a network without the camera's direction, for `module` with it.
 
-    The additional inputs of `module` are the last of a layer and get weights of zero.
+    The output stays the same: the additional inputs are the last of a layer and get weights of
+    zero. Tensors that differ otherwise stay as they are.
     """
-    shapes = {name: each.shape for name, each in module.state_dict().items()}
-    return {
-        name: functional.pad(each, (0, max(0, shapes[name][-1] - each.shape[-1])))
-        if each.ndim and each.ndim == len(shapes.get(name, ()))
-        else each
-        for name, each in tensors.items()
-    }
+    wide = module.state_dict()
+    result = dict(tensors)
+    for name in tensors.keys() & wide.keys():
+        added = functional.pad(tensors[name], (0, CAMERA_INPUTS)) if tensors[name].ndim else None
+        if added is not None and added.shape == wide[name].shape:
+            result[name] = added
+    return result
 
 
 def tensor_differences(found: Mapping[str, Tensor], wanted: Mapping[str, Tensor]) -> str:

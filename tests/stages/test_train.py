@@ -210,6 +210,16 @@ def test_a_network_that_sees_the_camera_begins_as_one_that_does_not(tmp_path):
     torch.testing.assert_close(after.existence, before.existence)
 
 
+def test_truncated_weights_are_not_filled_up_for_a_network_that_sees_the_camera(tmp_path):
+    path = weights_of(tmp_path / "w.safetensors", CONFIG.network)
+    tensors, metadata = load_weights(path)
+    name = max(tensors, key=lambda each: tensors[each].numel())
+    save_weights(path, tensors | {name: tensors[name][..., :-1].contiguous()}, metadata)
+    sees = replace(CONFIG, network=replace(CONFIG.network, sees_camera=True))
+    with pytest.raises(FormatError, match="do not fit the network"):
+        train.build(sees, 0, path)
+
+
 def test_weights_of_a_network_that_sees_the_camera_start_no_network_that_does_not(tmp_path):
     seen = replace(CONFIG.network, sees_camera=True)
     path = weights_of(tmp_path / "w.safetensors", seen)

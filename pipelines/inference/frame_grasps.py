@@ -124,16 +124,21 @@ class Planner:
     def _region_by_region(
         self, seen: Observation, rng: np.random.Generator
     ) -> tuple[list[Region], list[Plan]]:
-        """Return the regions of a frame and the plan of each."""
+        """Return the regions of a frame and the plan of each, in up to three passes.
+
+        The first pass plans every region. The second plans detections without a symmetric grasp
+        again, as separate pieces. The third seeks planar grasps for regions that have no grasp yet.
+        A piece is the part of a region in one of the segments that the depth shows.
+        """
         regions, clouds = seen.in_workspace()
         graspable = [region.is_graspable for region in regions]
         planned = iter(self._plans(list(compress(clouds, graspable)), seen, rng))
         plans = [next(planned) if each else Plan(RankedGrasps.empty()) for each in graspable]
         if self.config.method == "random":
             return regions, plans
-        regions, plans = self._taken_apart(regions, plans, seen, rng)
+        regions, plans = self._in_pieces(regions, plans, seen, rng)
         plans = [
-            self._piecewise(plan, region.mask, seen)
+            self._planar_on_piece(plan, region.mask, seen)
             if region.is_graspable and not len(plan.grasps)
             else plan
             for plan, region in zip(plans, regions, strict=True)
@@ -178,10 +183,10 @@ class Planner:
         assert self.predictor is not None
         return predicted_regions(clouds, seen.scene.plane, self.predictor)
 
-    def _taken_apart(
+    def _in_pieces(
         self, regions: list[Region], plans: list[Plan], seen: Observation, rng: np.random.Generator
     ) -> tuple[list[Region], list[Plan]]:
-        """Return regions and plans, with detections without symmetric grasps in pieces (D. 97).
+        """Return regions and plans, with detections without a symmetric grasp in pieces (D. 97).
 
         Such a detection takes symmetries and grasps of its largest piece, if that piece has grasps;
         other pieces with grasps become separate regions. A single piece replaces its detection
@@ -195,10 +200,10 @@ class Planner:
             for index, (region, plan) in enumerate(zip(regions, plans, strict=True))
             if region.source == "detector" and not plan.rests_on_symmetry
         }
-        parts = [(index, i, mask) for index in pieces for i, mask in enumerate(pieces[index])]
-        clouds = [RegionCloud.from_mask(mask, seen.scene) for _, _, mask in parts]
+        flat = [(index, i, mask) for index in pieces for i, mask in enumerate(pieces[index])]
+        clouds = [RegionCloud.from_mask(mask, seen.scene) for _, _, mask in flat]
         regions, plans = list(regions), list(plans)
-        for (index, rank, mask), plan in zip(parts, self._plans(clouds, seen, rng), strict=True):
+        for (index, rank, mask), plan in zip(flat, self._plans(clouds, seen, rng), strict=True):
             if len(pieces[index]) == 1:
                 regions[index], plans[index] = replace(regions[index], mask=mask), plan
             elif len(plan.grasps) and rank == 0:
@@ -208,13 +213,14 @@ class Planner:
                 plans.append(plan)
         return regions, plans
 
-    def _piecewise(self, plan: Plan, mask: Mask, seen: Observation) -> Plan:
-        """Return planar grasps on a geometric piece of a region that has no grasps as a whole."""
+    def _planar_on_piece(self, plan: Plan, mask: Mask, seen: Observation) -> Plan:
+        """Return `plan` with planar grasps on a piece of `mask` (H, W), if a piece has any."""
         inside, scene = self.config.min_piece_inside, seen.scene
-        for piece in seen.segments.masks if self.config.regions != "detector" else ():
-            if np.count_nonzero(piece & mask) < inside * np.count_nonzero(piece):
+        for segment in seen.segments.masks if self.config.regions != "detector" else ():
+            piece = segment & mask
+            if np.count_nonzero(piece) < inside * np.count_nonzero(segment):
                 continue
-            cloud = RegionCloud.from_mask(piece & mask, scene)
+            cloud = RegionCloud.from_mask(piece, scene)
             ranked = self._of_regions.plan(RegionModel(cloud), scene, (planar_pass(),))
             if len(ranked):
                 return replace(plan, grasps=ranked)

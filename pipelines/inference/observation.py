@@ -46,7 +46,7 @@ class Observation:
     Attributes:
         color: (H, W, 3) RGB.
         scene: depth without the holes of sparse sensors, support plane, limits of grasps.
-        segments: the pieces that the depth alone shows.
+        segments: the parts of the foreground that the depth alone separates.
         regions: in the order of detection.
         clouds: the points of each of `regions`.
         too_small: number of further regions with fewer than `min_region_pixels`.

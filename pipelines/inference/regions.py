@@ -62,9 +62,9 @@ def find_regions(
 ) -> tuple[list[Region], int]:
     """Return the regions of a frame, and the number of regions below `min_region_pixels`.
 
-    `color`: (H, W, 3) RGB. `depth`: (H, W) metres, 0 = missing. `segments`: the pieces that the
-    depth alone shows. `masks`: (H, W) the user's instance ids, 0 = background; these replace found
-    regions.
+    `color`: (H, W, 3) RGB. `depth`: (H, W) metres, 0 = missing. `segments`: the parts of the
+    foreground that the depth alone separates. `masks`: (H, W) the user's instance ids, 0 =
+    background; these replace found regions.
     """
     if masks is not None:
         regions = [Region(masks == i, 1.0, "masks") for i in np.unique(masks[masks > 0])]

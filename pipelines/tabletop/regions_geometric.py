@@ -90,11 +90,19 @@ def working_step(shape: tuple[int, ...]) -> int:
 
 
 def enlarged(image: NDArray[np.generic], shape: tuple[int, ...]) -> Labels:
-    """Return a thinned `image` of labels at the size `shape`."""
+    """Return a thinned `image` of labels at the size `shape`: each pixel takes the nearest label.
+
+    With an even stride two labels are equally near in the middle; the upper left one is taken.
+    """
     if image.shape == shape:
         return image.astype(np.int32)
-    size, nearest = (shape[1], shape[0]), cv2.INTER_NEAREST
-    return np.asarray(cv2.resize(image.astype(np.float32), size, interpolation=nearest), np.int32)
+    step = working_step(shape)
+    rows, columns = (
+        np.minimum((np.arange(size) + (step - 1) // 2) // step, thinned - 1)
+        for size, thinned in zip(shape, image.shape, strict=True)
+    )
+    labels: Labels = image.astype(np.int32)[rows][:, columns]
+    return labels
 
 
 def _sound_regions(labels: Labels, things: Things) -> Labels:

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from scipy.ndimage import binary_fill_holes
 
 from pipelines.tabletop.regions.pieces import pieces_of_labels
-from pipelines.tabletop.regions_geometric import without_holes
+from pipelines.tabletop.regions_geometric import enlarged, without_holes, working_step
 
 
 @settings(max_examples=40, deadline=None)
@@ -33,3 +33,16 @@ def test_pieces_are_the_labels_with_enough_pixels(seed, most, least, share):
 def test_holes_are_pixels_without_a_path_to_the_outside(seed, height, width, share):
     mask = np.random.default_rng(seed).random((height, width)) < share
     np.testing.assert_array_equal(without_holes(mask), binary_fill_holes(mask))
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**31), st.integers(700, 4000), st.integers(1, 9))
+def test_an_enlarged_label_reaches_to_the_pixels_nearest_to_its_own(seed, width, height):
+    shape = height, width
+    step = working_step(shape)
+    thinned = np.random.default_rng(seed).integers(0, 5, shape)[::step, ::step]
+    large = enlarged(thinned, shape)
+    np.testing.assert_array_equal(large[::step, ::step], thinned)
+    columns = np.arange(width)
+    nearest = np.abs(columns[:, None] - np.arange(thinned.shape[1]) * step).argmin(axis=1)
+    np.testing.assert_array_equal(large[0], thinned[0, nearest])

@@ -87,7 +87,6 @@ InferBatch = Annotated["BatchOptions", MadeOf(_batch)]
         **named_as("limits.approach_cone", "limits.approach_direction", "limits.approach_frame"),
         "--watch-timeout": "watch.timeout",
     },
-    variables={"--gripper": "SYMGRASP_GRIPPER"},
 )
 def infer(
     config: InferSettings,

@@ -300,7 +300,9 @@ REGIONS = (
         "piecewise",
         "planar grasps of pieces",
         replaced={
-            "pipelines.inference.frame_grasps.Planner._piecewise": lambda _self, plan, *_: plan
+            "pipelines.inference.frame_grasps.Planner._grasps_on_piece": lambda _self, plan, *_: (
+                plan
+            )
         },
     ),
     Rule("small-support", "least seen area of a support plane", {"region.min_support_area": 0.0}),

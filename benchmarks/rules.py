@@ -19,7 +19,8 @@ from pipelines.configs.presets import preset_settings
 from pipelines.configs.settings import changed, settings_of
 from pipelines.errors import UnknownNameError
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SymmetrySlots
-from pipelines.grasping.planner import Pass, RegionPlanner
+from pipelines.grasping.passes import Pass
+from pipelines.grasping.planner import RegionPlanner
 from pipelines.grasping.symmetries.grounding import starting_axes
 from pipelines.grasping.symmetries.plane_candidates import candidate_planes
 

@@ -15,13 +15,8 @@ from pipelines.errors import SymgraspError
 from pipelines.frames.rgbd import Frame
 from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasping.gripper import Gripper
-from pipelines.grasping.planner import (
-    MIN_POINTS,
-    RegionModel,
-    RegionPlanner,
-    planar_pass,
-    random_pass,
-)
+from pipelines.grasping.passes import RegionModel, planar_pass, random_pass
+from pipelines.grasping.planner import MIN_POINTS, RegionPlanner
 from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.ranking.ranking import Critic
 from pipelines.grasping.scene import RegionCloud

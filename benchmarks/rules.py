@@ -19,7 +19,8 @@ from pipelines.configs.presets import preset_settings
 from pipelines.configs.settings import changed, settings_of
 from pipelines.errors import UnknownNameError
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SymmetrySlots
-from pipelines.grasping.planner import Pass, RegionPlanner
+from pipelines.grasping.passes import Pass
+from pipelines.grasping.planner import RegionPlanner
 from pipelines.grasping.symmetries.grounding import starting_axes
 from pipelines.grasping.symmetries.plane_candidates import candidate_planes
 
@@ -300,7 +301,7 @@ REGIONS = (
         "piecewise",
         "planar grasps of pieces",
         replaced={
-            "pipelines.inference.frame_grasps.Planner._planar_on_piece": lambda _self, plan, *_: (
+            "pipelines.inference.frame_grasps.Planner._grasps_on_piece": lambda _self, plan, *_: (
                 plan
             )
         },

@@ -60,7 +60,7 @@ def run(
                 write_flat_pair(folder, source.read())
         write_sidecar(folder, stamp)
         if not report.done:
-            raise SymgraspError(report.why_none("can be read, nothing is written"))
+            raise SymgraspError(report.why_all_failed("can be read, nothing is written"))
     report.seconds = time.monotonic() - started
     return report
 

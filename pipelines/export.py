@@ -251,4 +251,4 @@ def _with_path(
 def _refuse_nothing(index: GraspsIndex, report: StageReport) -> None:
     """Raise SymgraspError if not one frame could be written."""
     if index.names and set(index.names) <= set(report.failed):
-        raise SymgraspError(report.why_none("can be exported, nothing is written"))
+        raise SymgraspError(report.why_all_failed("can be exported, nothing is written"))

@@ -21,18 +21,18 @@ from pipelines.errors import StaleOutputError
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_stream import read_results
-from pipelines.inference.pictures import draw_missing, of_output
-from pipelines.inference.run_settings import InferPaths, Settings, check_names
-from pipelines.inference.side_by_side import load, side_by_side
+from pipelines.inference.pictures import draw_missing, results_of_output
+from pipelines.inference.run_settings import InferPaths, Settings, check_config
+from pipelines.inference.side_by_side import load_in_workers, options_for_frames
 from pipelines.inference.work import (
     STAGE,
     Work,
     earlier_frames,
-    finished_of,
+    finished_items,
     infer_frame,
     overlay_path,
+    refuse_foreign_output,
     refuse_other_settings,
-    refuse_others_work,
     refuse_stale,
 )
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
@@ -65,18 +65,18 @@ def run(
             program or with other settings.
         WriteError: no space or no permission to write; finished frames stay.
     """
-    check_names(config)
-    refuse_others_work(paths.output)
+    check_config(config)
+    refuse_foreign_output(paths.output)
     settings = Settings(paths, config, seed, device, timings)
     work = Work(settings, stated, choice)
     items = work.items(work.find())
-    if not options.overwrite and paths.output.exists() and _is_whole(work, items):
+    if not options.overwrite and paths.output.exists() and _is_complete(work, items):
         if not options.dry_run:
             grasps_file.remove_shards(paths.output)  # the parts of `infer --watch`
         report = _finished_report(paths, len(items))
     else:
         report = _make(work, items, options)
-    undrawn = draw_missing(settings, of_output(paths.output, items), options)
+    undrawn = draw_missing(settings, results_of_output(paths.output, items), options)
     report.failed |= undrawn
     report.done, report.skipped = (
         [name for name in names if name not in undrawn] for names in (report.done, report.skipped)
@@ -85,24 +85,24 @@ def run(
 
 
 def _make(work: Work, items: Sequence[WorkItem], options: BatchOptions) -> StageReport:
-    """Find the grasps of the unfinished frames, and join the output."""
+    """Find the grasps of the unfinished frames, and assemble the output."""
     settings = work.settings
-    finished = {} if options.dry_run else {item.name: item for item in finished_of(items)}
+    finished = {} if options.dry_run else {item.name: item for item in finished_items(items)}
     todo = [item for item in items if item.name not in finished]
     # Shards have this run's stamp, so --overwrite keeps them.
-    beside = side_by_side(replace(options, overwrite=False), len(todo), settings.device)
-    with settings.one_core() if beside.backend == "threading" else nullcontext():
+    parallel = options_for_frames(replace(options, overwrite=False), len(todo), settings.device)
+    with settings.one_core() if parallel.backend == "threading" else nullcontext():
         if todo and not options.dry_run:
-            load(settings, beside)
-        report = run_batch(STAGE, todo, partial(infer_frame, settings=settings), beside)
+            load_in_workers(settings, parallel)
+        report = run_batch(STAGE, todo, partial(infer_frame, settings=settings), parallel)
     report.skipped += finished
     if not options.dry_run:
-        work.put_together(items, report.failed)
+        work.assemble(items, report.failed)
         grasps_file.remove_shards(work.output)
     return report
 
 
-def _is_whole(work: Work, items: Sequence[WorkItem]) -> bool:
+def _is_complete(work: Work, items: Sequence[WorkItem]) -> bool:
     """Return whether the output is complete: that of `items`.
 
     A run of `infer --watch`, which leaves its parts, may have ended before more frames arrived.
@@ -113,7 +113,7 @@ def _is_whole(work: Work, items: Sequence[WorkItem]) -> bool:
     """
     refuse_other_settings(work)
     try:
-        return is_finished(work.output, work.whole_stamp(items))
+        return is_finished(work.output, work.output_stamp(items))
     except StaleOutputError:
         if not earlier_frames(work):
             raise

@@ -17,14 +17,14 @@ from pipelines.configs import InferConfig, WatchConfig
 from pipelines.dataset.chosen_frames import ALL_FRAMES, ChosenFrames
 from pipelines.errors import SymgraspError
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
-from pipelines.inference.following import Followed, Follower
-from pipelines.inference.run_settings import InferPaths, Settings, check_names
-from pipelines.inference.side_by_side import side_by_side
+from pipelines.inference.following import Follower, FrameOutcome
+from pipelines.inference.run_settings import InferPaths, Settings, check_config
+from pipelines.inference.side_by_side import options_for_frames
 from pipelines.inference.watching import Clock
-from pipelines.inference.work import STAGE, Work, refuse_others_work
+from pipelines.inference.work import STAGE, Work, refuse_foreign_output
 from pipelines.runtime.batch import BatchOptions, StageReport
 from pipelines.runtime.one_run import one_run_at_a_time
-from pipelines.runtime.stopping import Reason, StopSignals
+from pipelines.runtime.stopping import StopReason, StopSignals
 
 
 @one_run_at_a_time(STAGE, "paths.output")
@@ -34,20 +34,20 @@ def run(
     options: BatchOptions,
     *,
     watch: WatchConfig,
-    notify: Callable[[Followed], None],
+    notify: Callable[[FrameOutcome], None],
     stated: FrameOptions = NOTHING_STATED,
     seed: int = 0,
     device: str = "auto",
     timings: bool = False,
     choice: ChosenFrames = ALL_FRAMES,
     clock: Clock | None = None,
-    beside: Executor | None = None,
+    writer: Executor | None = None,
 ) -> StageReport:
     """Find grasps in new frames of `paths.frames` until SIGINT, SIGTERM or time-out.
 
     The work is done in threads of this process. `notify`: called with each processed frame.
     `stated`: camera and unit of all frames, in place of the ones in the files next to them.
-    `clock`: the machine's by default; `beside`: executor that joins the output, a thread by
+    `clock`: the machine's by default; `writer`: executor that writes the output, a thread by
     default. Tests pass their own.
 
     Raises:
@@ -55,24 +55,25 @@ def run(
             another program or with other settings, or has frames that exist nowhere else.
         WriteError: no space or no permission to write; the same command resumes.
     """
-    check_names(config)
-    refuse_others_work(paths.output)
-    _check_wishes(paths, options)
+    check_config(config)
+    refuse_foreign_output(paths.output)
+    _refuse_impossible(paths, options)
     work = Work(Settings(paths, config, seed, device, timings), stated, choice)
     signals = StopSignals()
-    options = replace(side_by_side(options, 0, device), progress=False)  # a line a frame instead
+    # Each frame gets a line instead of progress.
+    options = replace(options_for_frames(options, 0, device), progress=False)
     threads, thread = ThreadPoolExecutor(options.workers), ThreadPoolExecutor(1)
-    with threads, thread, signals.heeded(patient=False), work.settings.one_core():
+    with threads, thread, signals.recorded(expects_repeats=False), work.settings.one_core():
         follower = Follower(
-            work, watch, options, notify, clock or Clock(), threads, beside or thread
+            work, watch, options, notify, clock or Clock(), threads, writer or thread
         )
         follower.begin(overwrite=options.overwrite)
-        while signals.reason is Reason.NONE and not follower.is_timed_out():
-            follower.go_on()
-        return follower.end(is_stopped=signals.reason is not Reason.NONE)
+        while signals.reason is StopReason.NONE and not follower.is_timed_out():
+            follower.poll()
+        return follower.end(is_stopped=signals.reason is not StopReason.NONE)
 
 
-def _check_wishes(paths: InferPaths, options: BatchOptions) -> None:
+def _refuse_impossible(paths: InferPaths, options: BatchOptions) -> None:
     if not paths.frames.is_dir():
         raise SymgraspError(f"{paths.frames} is no folder; give the folder that receives frames")
     if paths.masks is not None:

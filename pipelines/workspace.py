@@ -84,7 +84,7 @@ def run(
             with found.report.attempting(source.name):
                 _draw(source, folder, config, found)
         if not found.boxes:
-            raise SymgraspError(found.report.why_none("has a workspace"))
+            raise SymgraspError(found.report.why_all_failed("has a workspace"))
         write_sidecar(folder, stamp)
     found.report.seconds = time.monotonic() - started
     return found

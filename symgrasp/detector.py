@@ -16,7 +16,7 @@ from pipelines.errors import ValueRangeError
 from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.gripper import Gripper
-from pipelines.inference.run_settings import InferPaths, Settings, check_names
+from pipelines.inference.run_settings import InferPaths, Settings, check_config
 from symgrasp.frame_input import IntrinsicsLike, frame_of, instance_masks, workspace_of
 from symgrasp.grasps import Grasps, ordered_grasps
 
@@ -72,7 +72,7 @@ class GraspDetector:
             name = str(gripper or config.gripper)
             self.gripper = load_gripper(name)
         self.settings = replace(config, gripper=name)
-        check_names(self.settings)
+        check_config(self.settings)
         weights = {
             "detector": detector,
             "network": network,

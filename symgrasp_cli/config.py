@@ -10,7 +10,13 @@ from pipelines.configs.settings import Setting, settings_of
 from pipelines.configs.stages import STAGE_SETTINGS
 from pipelines.configs.toml_files import as_toml
 from symgrasp_cli.options import AsJson
-from symgrasp_cli.settings import Assignments, Preset, SettingsFile, settings_chosen
+from symgrasp_cli.settings import (
+    Assignments,
+    Preset,
+    SettingsFile,
+    given_by_variables,
+    settings_chosen,
+)
 
 TITLE = (
     "Settings of `symgrasp {stage}`: save them as a file, change values, delete unchanged lines, "
@@ -33,15 +39,19 @@ def config(
     as_json: AsJson = False,
 ) -> None:
     """Print all settings of a command with unit, meaning and origin, as a file for --config."""
-    chosen = settings_chosen(stage, settings_file, (), assignments or (), preset)
+    given = given_by_variables(stage)
+    chosen = settings_chosen(stage, settings_file, given, assignments or (), preset)
+    assigned = {each.partition("=")[0].strip() for each in assignments or ()}
+    by_variable = {each.option.setting.name: each.option.variable or "" for each in given}
+    variables = {name: each for name, each in by_variable.items() if name not in assigned}
     if as_json:
-        rows = [_row(each) for each in settings_of(chosen)]
+        rows = [_row(each, variables.get(each.name)) for each in settings_of(chosen)]
         typer.echo(json.dumps({"stage": stage, "settings": rows}, indent=1, ensure_ascii=False))
     else:
-        typer.echo(as_toml(chosen, TITLE.format(stage=stage)), nl=False)
+        typer.echo(as_toml(chosen, TITLE.format(stage=stage), variables), nl=False)
 
 
-def _row(each: Setting) -> dict[str, object]:
+def _row(each: Setting, variable: str | None) -> dict[str, object]:
     declaration = each.declaration
     return {
         "name": each.name,
@@ -52,6 +62,7 @@ def _row(each: Setting) -> dict[str, object]:
         "choices": list(each.choices),
         "meaning": declaration.meaning,
         "origin": declaration.origin,
+        "variable": variable,
     }
 
 

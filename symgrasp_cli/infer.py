@@ -29,7 +29,7 @@ from symgrasp_cli.settings import named_as, with_settings
 
 if TYPE_CHECKING:
     from pipelines.dataset.chosen_frames import ChosenFrames
-    from pipelines.inference.following import Followed
+    from pipelines.inference.following import FrameOutcome
     from pipelines.runtime.batch import BatchOptions, StageReport
 
 DEFAULT_FRAME = LimitsConfig.box_frame
@@ -87,7 +87,6 @@ InferBatch = Annotated["BatchOptions", MadeOf(_batch)]
         **named_as("limits.approach_cone", "limits.approach_direction", "limits.approach_frame"),
         "--watch-timeout": "watch.timeout",
     },
-    variables={"--gripper": "SYMGRASP_GRIPPER"},
 )
 def infer(
     config: InferSettings,
@@ -139,7 +138,7 @@ def infer(
     paths = stage.InferPaths(frames, out, overlays, masks, room).with_weights(**weights)
     if watch and frames.is_dir() and not manner().quiet:
         typer.echo(printable(f"watching {frames} until Ctrl-C"), err=True)
-    followed = partial(infer_watch.run, watch=config.watch, notify=_print_followed)
+    followed = partial(infer_watch.run, watch=config.watch, notify=_print_outcome)
     report = (followed if watch else stage.run)(
         paths,
         part(InferConfig, config),
@@ -182,7 +181,7 @@ def _conclude(report: "StageReport", out: Path, overlays: Path | None) -> None:
     conclude(report, out, overlays, then=then, lines=list(summary.lines()), facts=facts)
 
 
-def _print_followed(frame: "Followed") -> None:
+def _print_outcome(frame: "FrameOutcome") -> None:
     """Print one frame's line on stdout at once, for a reader at the end of a pipe."""
     if manner().as_json:
         typer.echo(json.dumps({**asdict(frame), "seconds": round(frame.seconds, 3)}))

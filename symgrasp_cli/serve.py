@@ -17,7 +17,6 @@ from symgrasp_cli.settings import named_as, with_settings
         **named_as("gripper", "http.min_score", "http.tcp"),
         **named_as("http.host", "http.port", "http.parallel", "http.max_waiting"),
     },
-    variables={"--gripper": "SYMGRASP_GRIPPER"},
 )
 def serve(
     config: ServeSettings,

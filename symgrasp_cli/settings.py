@@ -1,6 +1,7 @@
 """Options of all stages; the declarations of settings make the options that change settings."""
 
 import inspect
+import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,6 +23,10 @@ from symgrasp_cli.report import Manner, failure_as_json, speaking
 Command = Callable[..., None]
 Config = TypeVar("Config")
 PANEL, SWITCHES = "Settings", "Settings, on or off"  # the two names of a switch are wide
+VARIABLES = {  # stage -> setting -> environment variable that changes it
+    "infer": {"gripper": "SYMGRASP_GRIPPER"},
+    "serve": {"gripper": "SYMGRASP_GRIPPER"},
+}
 UNIT_NAMES = {"m": "METRES", "deg": "DEGREES", "s": "SECONDS", "share": "SHARE"}
 SettingsFile = Annotated[
     Path | None,
@@ -126,7 +131,6 @@ def with_settings(
     options: Mapping[str, str],
     *,
     hidden: Mapping[str, str] | None = None,
-    variables: Mapping[str, str] | None = None,
 ) -> Callable[[Command], Command]:
     """Give a command the settings of `stage`, as its argument `config`.
 
@@ -137,11 +141,10 @@ def with_settings(
         stage: name in `pipelines.configs.stages`.
         options: names of options -> dotted name of the setting that each changes.
         hidden: the same for old names, which help does not list.
-        variables: names of options -> environment variables.
     """
     known = {each.name: each for each in settings_of(default_settings(stage))}
-    by_variable = variables or {}
-    made = [SettingOption(names, known[n], by_variable.get(names)) for names, n in options.items()]
+    variables = VARIABLES.get(stage, {})
+    made = [SettingOption(names, known[n], variables.get(n)) for names, n in options.items()]
     made += [SettingOption(names, known[n], hidden=True) for names, n in (hidden or {}).items()]
 
     def decorate(command: Command) -> Command:
@@ -172,6 +175,18 @@ def with_settings(
         return run
 
     return decorate
+
+
+def given_by_variables(stage: str) -> list[GivenOption]:
+    """Return the settings that the environment gives to `stage`; empty variables give none."""
+    known = {each.name: each for each in settings_of(default_settings(stage))}
+    variables = VARIABLES.get(stage, {}).items()
+    given = [(known[name], each, os.environ.get(each, "")) for name, each in variables]
+    return [
+        GivenOption(SettingOption("", setting, variable), value, by_variable=True)
+        for setting, variable, value in given
+        if value
+    ]
 
 
 def settings_chosen(

@@ -3,9 +3,10 @@
 import json
 import textwrap
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from pipelines.configs.settings import Setting, settings_of
@@ -43,28 +44,36 @@ def read_toml(path: Path, expected: str = AS_TOML) -> dict[str, Any]:
     return tables
 
 
-def as_toml(config: Any, title: str) -> str:  # noqa: ANN401 - any config
+def as_toml(
+    config: Any,  # noqa: ANN401 - any config
+    title: str,
+    variables: Mapping[str, str] = MappingProxyType({}),
+) -> str:
     """Return settings as TOML with a comment for each: meaning, unit, accepted values, origin.
 
-    `title` is the first comment.
+    Args:
+        config: the settings.
+        title: first comment.
+        variables: names of settings -> environment variables that gave their values.
     """
-    return "\n".join([*_comment(title), *_table(config, "")]) + "\n"
+    return "\n".join([*_comment(title), *_table(config, "", variables)]) + "\n"
 
 
-def _table(config: Any, name: str) -> Iterator[str]:  # noqa: ANN401 - any config
+def _table(config: Any, name: str, variables: Mapping[str, str]) -> Iterator[str]:  # noqa: ANN401
     yield ""
     yield from _comment((type(config).__doc__ or "").strip().partition("\n")[0])
     if name:
         yield f"[{name}]"
     for each in settings_of(config):
         if "." not in each.name:
+            variable = variables.get(f"{name}.{each.name}" if name else each.name)
             yield ""
-            yield from _comment(described(each))
+            yield from _comment(described(each) + (f" Set by {variable}." if variable else ""))
             yield f"{each.name} = {toml_value(each.value)}"
     for field in fields(config):
         inner = getattr(config, field.name)
         if is_dataclass(inner):
-            yield from _table(inner, f"{name}.{field.name}" if name else field.name)
+            yield from _table(inner, f"{name}.{field.name}" if name else field.name, variables)
 
 
 def described(each: Setting) -> str:

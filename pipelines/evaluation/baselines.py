@@ -27,7 +27,8 @@ from pipelines.evaluation.truth import FrameTruth, TruthReader
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.geometry.transforms import invert, transform_points
 from pipelines.grasping.gripper import Gripper
-from pipelines.grasping.planner import Pass, RegionModel, RegionPlanner, planar_pass, random_pass
+from pipelines.grasping.passes import Pass, RegionModel, planar_pass, random_pass
+from pipelines.grasping.planner import RegionPlanner
 from pipelines.grasping.ranking.ranking import Critic
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.grasping.symmetries.completion import completions

@@ -1,30 +1,32 @@
 """The grasps of one region: physics-feasible selection and ranking (Sec. III-F).
 
 A list of passes proposes contact pairs: across the region's symmetries, from its outline, across
-doubtful symmetries. The feasible grasps of a pass are ranked, by the grasp critic or by Eq. 8, with
-non-maximum suppression. A pass is skipped if the grasps of earlier passes are expected to be good
-enough.
+doubtful symmetries; `passes.py` lists the obstacles of each pass. The feasible grasps of a pass are
+ranked, by the grasp critic or by Eq. 8, with non-maximum suppression. A pass is skipped if the
+grasps of earlier passes are expected to be good enough.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pipelines.array_types import Array
-from pipelines.configs import CandidateConfig, SelectionConfig
+from pipelines.configs import SelectionConfig
 from pipelines.geometry.numerics.quantiles import quantiles
-from pipelines.geometry.symmetry import SymmetrySlots
-from pipelines.grasping.candidates.candidates import (
-    GraspCandidates,
-    random_candidates,
-    symmetric_candidates,
-)
-from pipelines.grasping.candidates.planar import planar_candidates
+from pipelines.grasping.candidates.candidates import GraspCandidates
 from pipelines.grasping.feasibility.feasibility import Feasibility, with_opening_margin
 from pipelines.grasping.feasibility.visibility import visible_fraction
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
+from pipelines.grasping.passes import (
+    Attempt,
+    Pass,
+    RegionModel,
+    attempts,
+    planar_pass,
+    symmetric_pass,
+)
 from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.ranking.grasp_features import GraspFeatures
 from pipelines.grasping.ranking.known_region import KnownRegion
@@ -35,66 +37,10 @@ from pipelines.grasping.ranking.ranking import (
     seen_score,
 )
 from pipelines.grasping.scene import RegionCloud, SceneCloud
-from pipelines.grasping.symmetries.completion import Completion
 
 MIN_POINTS = 20  # fewer points show no surface
 MOST = 0.9  # of the region's points: share inside the radius for off-centre grasps
 OFF_CENTRE = 0.5  # stability lost by a grasp at the region's rim
-ALWAYS = np.inf
-
-
-@dataclass(frozen=True)
-class RegionModel:
-    """The model of one region; without predictions, the measured points alone.
-
-    Attributes:
-        cloud: n points.
-        symmetries: of the region.
-        affordance: (n,) 0 to 1.
-        completion: points that symmetries predict where the camera sees nothing.
-    """
-
-    cloud: RegionCloud
-    symmetries: SymmetrySlots = field(default_factory=lambda: SymmetrySlots.of([]))
-    affordance: Array = field(default_factory=lambda: np.zeros(0))
-    completion: Completion = field(default_factory=Completion.none)
-
-
-@dataclass(frozen=True)
-class Pass:
-    """One way to propose contact pairs.
-
-    Attributes:
-        candidates: the contact pairs of a region.
-        unless_expected: skip the pass if grasps with this score are found already.
-        keeps_off_own_side: whether the region's own completion is an obstacle.
-    """
-
-    candidates: Callable[[RegionModel, Feasibility, CandidateConfig], GraspCandidates]
-    unless_expected: float = ALWAYS
-    keeps_off_own_side: bool = False
-
-
-def symmetric_pass(above: float, below: float = np.inf, unless_expected: float = ALWAYS) -> Pass:
-    """Return the pass across symmetries of confidence between `above` and `below` (Sec. III-E)."""
-
-    def pairs(
-        region: RegionModel, feasibility: Feasibility, config: CandidateConfig
-    ) -> GraspCandidates:
-        seen = region.cloud, region.symmetries.between(above, below), region.affordance
-        return symmetric_candidates(*seen, config, feasibility)
-
-    return Pass(pairs, unless_expected, keeps_off_own_side=True)
-
-
-def planar_pass(unless_expected: float = ALWAYS) -> Pass:
-    """Return the pass of opposite points on the region's outline (D. 8)."""
-    return Pass(lambda region, checks, _: planar_candidates(region.cloud, checks), unless_expected)
-
-
-def random_pass(rng: np.random.Generator) -> Pass:
-    """Return the pass of random antipodal pairs, a baseline."""
-    return Pass(lambda region, checks, config: random_candidates(region.cloud, config, checks, rng))
 
 
 @dataclass(frozen=True)
@@ -128,7 +74,6 @@ class RegionPlanner:
     ) -> RankedGrasps:
         """Return feasible grasps of `region`, best first.
 
-        Unseen sides of other regions are obstacles, unless that leaves no grasp (D. 85).
         `passes`: kinds of candidates; None for `passes()`.
         """
         if len(region.cloud) < MIN_POINTS:
@@ -138,25 +83,24 @@ class RegionPlanner:
         feasibility = Feasibility.at(region.cloud, scene, self.gripper, config, cap)
         seen = region.cloud, feasibility.scene, region.symmetries, region.completion.own
         known = KnownRegion(*seen, feasibility.around.others.points)
-        careful = feasibility.with_unseen(region.completion.others)
-        found = self._by_passes(passes, region, careful, known)
-        if len(found) or not len(region.completion.others):
-            return found
-        return self._by_passes(passes, region, feasibility, known)
+        for attempt in attempts(feasibility, region.completion):
+            found = self._by_passes(passes, region, attempt, known)
+            if len(found):
+                return found
+        return RankedGrasps.empty()
 
     def _by_passes(
         self,
         passes: Sequence[Pass],
         region: RegionModel,
-        feasibility: Feasibility,
+        attempt: Attempt,
         known: KnownRegion,
     ) -> RankedGrasps:
         found = RankedGrasps.empty()
-        with_own_side = feasibility.with_unseen(region.completion.own)
         for each in passes:
             if self._expected(found) >= each.unless_expected:
                 continue
-            checks = with_own_side if each.keeps_off_own_side else feasibility
+            checks = attempt.checks_of(each)
             candidates = each.candidates(region, checks, self.config.candidates)
             found = self._merged(found, self._select(candidates, checks, known))
         return found

@@ -32,7 +32,7 @@ LISTING_SHARE = 4  # pause after a listing, times the listing, so that large fol
 
 
 @dataclass(frozen=True)
-class Followed:
+class FrameOutcome:
     """The result of one frame.
 
     Attributes:
@@ -61,12 +61,12 @@ class Follower:
     work: Work
     watch: WatchConfig
     options: BatchOptions
-    notify: Callable[[Followed], None]
+    notify: Callable[[FrameOutcome], None]
     clock: Clock
     # The same threads for all frames: the C library keeps memory that a thread frees, and new
     # threads for each two frames held 150 MB more.
     threads: Executor
-    beside: Executor
+    writer: Executor  # of the output
     items: dict[str, WorkItem] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
     pending: dict[str, tuple[Arrival, WorkItem, str]] = field(default_factory=dict)  # put off
@@ -74,15 +74,15 @@ class Follower:
     listed: Sequence[FrameSource] = ()
     is_changed: bool = False  # whether frames changed since the output was written
     writing: Future[None] | None = None  # while the output is written
-    begun: float = 0.0  # time when the last writing began
-    rested: float = 0.0  # time when the next writing may begin
+    writing_began: float = 0.0  # time when the last writing began
+    next_writing: float = 0.0  # time when the next writing may begin
     deadline: float = inf  # time when the writing must have ended
 
     def __post_init__(self) -> None:
         self.watcher = Watcher(self.watch)
         find = partial(self.work.find, may_be_empty=True)
         self.lister = Lister(find, self.work.settings.paths.frames, self.watch)
-        self.started = self.active = self.clock.now()
+        self.started = self.last_work = self.clock.now()
 
     def begin(self, *, overwrite: bool) -> None:
         """Take over the shards of an earlier run, and load the networks.
@@ -99,22 +99,22 @@ class Follower:
             refuse_stale(self.work, {*self.items, *(source.name for source in self.listed)})
         self.is_changed = bool(self.items) and not self.work.output.exists()
         self.work.settings.planner()
-        self.started = self.active = self.clock.now()
+        self.started = self.last_work = self.clock.now()
 
-    def go_on(self) -> None:
+    def poll(self) -> None:
         """List the folder once; work on the complete frames, or wait."""
         looked = self.clock.now()
         arrivals = self._arrivals()
         if arrivals:
             self._work_on(arrivals[: self.options.workers])
-            self.active = self.clock.now()
+            self.last_work = self.clock.now()
             return
         now = self.clock.now()
         if self.writing is not None and self.writing.done():
             self._await_output()
-        is_quiet = now - self.active >= self.watch.quiet and now >= self.rested
+        is_quiet = now - self.last_work >= self.watch.quiet and now >= self.next_writing
         if self.is_changed and is_quiet and self.writing is None:
-            self._put_together()
+            self._start_writing()
         pause = max(self.watch.poll, LISTING_SHARE * (now - looked))
         self.clock.wait(min(pause, LONGEST_PAUSE))
 
@@ -122,8 +122,8 @@ class Follower:
         """Return whether no frame came or changed for `timeout` seconds."""
         if self.watcher.is_waiting():
             return False
-        active = max(self.active, self.watcher.last_change() or self.active)
-        return self.clock.now() - active >= self.watch.timeout
+        last_work = max(self.last_work, self.watcher.last_change() or self.last_work)
+        return self.clock.now() - last_work >= self.watch.timeout
 
     def end(self, *, is_stopped: bool) -> StageReport:
         """Write the output and return the report; if `is_stopped`, within `LONGEST_END` seconds."""
@@ -131,10 +131,10 @@ class Follower:
         names = {source.name for source in self.listed}
         for name in sorted(names & set(self.pending)):
             arrival, item, sentence = self.pending[name]
-            self._conclude(name, arrival, item, sentence)
+            self._report(name, arrival, item, sentence)
         try:
             if self.is_changed:
-                self._put_together()
+                self._start_writing()
             self._await_output()
         except _TakesTooLong:
             log.warning(
@@ -149,14 +149,14 @@ class Follower:
 
     def _arrivals(self) -> list[Arrival]:
         try:
-            self.listed = self.lister.look(self.clock.now())
+            self.listed = self.lister.frames(self.clock.now())
         except (SymgraspError, OSError) as error:  # the folder may soon be back
             log.warning("cannot look for frames: %s", error)
             return []
         # A frame that is gone after a failed reading keeps its earlier result.
         names = {source.name for source in self.listed}
         self.pending = {name: each for name, each in self.pending.items() if name in names}
-        return self.watcher.look(self.listed, self.clock.now())
+        return self.watcher.arrivals(self.listed, self.clock.now())
 
     def _work_on(self, arrivals: Sequence[Arrival]) -> None:
         items = self.work.items([arrival.source for arrival in arrivals])
@@ -175,28 +175,28 @@ class Follower:
                 self.watcher.put_off(item.name)
                 self.pending[item.name] = (arrival, item, sentence)
             elif item in finished:
-                self._keep(item, self.report.skipped)
+                self._record(item, self.report.skipped)
             else:
                 if sentence is not None:
                     item.target.unlink(missing_ok=True)  # a shard of earlier files
-                self._conclude(item.name, arrival, item, sentence)
+                self._report(item.name, arrival, item, sentence)
         found = [(item, item.target, 0) for item in finished]
         for name, why in draw_missing(self.work.settings, found, self.options).items():
             log.warning("%s: %s", name, why)
 
-    def _conclude(self, name: str, arrival: Arrival, item: WorkItem, sentence: str | None) -> None:
+    def _report(self, name: str, arrival: Arrival, item: WorkItem, sentence: str | None) -> None:
         """Note and report the result of a frame; `sentence`: reason of its failure, or None."""
         seconds = self.clock.now() - arrival.since
         if sentence is not None:
-            self._keep(item, [])
+            self._record(item, [])
             self.failed[name] = sentence
-            self.notify(Followed(name, "failed", 0, seconds, sentence))
+            self.notify(FrameOutcome(name, "failed", 0, seconds, sentence))
             return
-        self._keep(item, self.report.done)
+        self._record(item, self.report.done)
         found = grasps_file.read_shard(item.target)
-        self.notify(Followed(name, found.status, len(found.grasps), seconds, str(item.target)))
+        self.notify(FrameOutcome(name, found.status, len(found.grasps), seconds, str(item.target)))
 
-    def _keep(self, item: WorkItem, names: list[str]) -> None:
+    def _record(self, item: WorkItem, names: list[str]) -> None:
         self.watcher.finish(item.name)
         self.pending.pop(item.name, None)
         self.failed.pop(item.name, None)
@@ -205,27 +205,27 @@ class Follower:
         if item.name not in names:
             names.append(item.name)
 
-    def _put_together(self) -> None:
+    def _start_writing(self) -> None:
         """Start writing the output of all frames so far: removed frames first, then as in `infer`.
 
         Writing takes 0.01 s per frame, and runs in a thread so that the next frame does not wait.
         """
         self._await_output()
-        self._forget_lost()
+        self._leave_out_missing()
         listed = [source.name for source in self.listed]
         gone = [name for name in self.items if name not in {*listed, *self.failed}]
         order = [*gone, *(name for name in listed if name in self.items)]
         items = [self.items[name] for name in order]
-        self.begun = self.clock.now()
+        self.writing_began = self.clock.now()
         arguments = items, dict(self.failed), self._check_deadline
-        self.writing = self.beside.submit(self.work.put_together, *arguments)
+        self.writing = self.writer.submit(self.work.assemble, *arguments)
         self.is_changed = False
 
     def _check_deadline(self) -> None:
         if self.clock.now() > self.deadline:
             raise _TakesTooLong
 
-    def _forget_lost(self) -> None:
+    def _leave_out_missing(self) -> None:
         """Leave out the frames whose shards were removed by others, instead of failing."""
         for name in set(self.items) - set(self.failed):
             if not self.items[name].target.exists():
@@ -238,4 +238,4 @@ class Follower:
         if writing is not None:
             writing.result()
             now = self.clock.now()
-            self.rested = now + WRITING_SHARE * (now - self.begun)
+            self.next_writing = now + WRITING_SHARE * (now - self.writing_began)

@@ -15,13 +15,8 @@ from pipelines.errors import SymgraspError
 from pipelines.frames.rgbd import Frame
 from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasping.gripper import Gripper
-from pipelines.grasping.planner import (
-    MIN_POINTS,
-    RegionModel,
-    RegionPlanner,
-    planar_pass,
-    random_pass,
-)
+from pipelines.grasping.passes import RegionModel, planar_pass, random_pass
+from pipelines.grasping.planner import MIN_POINTS, RegionPlanner
 from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.ranking.ranking import Critic
 from pipelines.grasping.scene import RegionCloud
@@ -31,9 +26,9 @@ from pipelines.inference.peers.frame_plans import (
     MOST_GRASPS,
     OWN_SCORE,
     FrameMethod,
-    plans_of_whole,
+    plans_of_frame,
 )
-from pipelines.inference.plans import Plan, grasp_table, region_table, why_weak
+from pipelines.inference.plans import Plan, grasp_table, region_table, why_all_weak
 from pipelines.inference.predicted_regions import (
     PredictedRegion,
     RegionMethod,
@@ -104,17 +99,17 @@ class Planner:
         )
         if self.peer is None:
             regions, plans = self._region_by_region(seen, rng)
-            kept, ranker = self.config, self._of_regions.ranker
+            kept, ranker = self.config, self._region_planner.ranker
             reason = why_empty(seen, None if masks is None else self.config.min_region_pixels)
         else:
-            regions, plans = plans_of_whole(self.peer, frame, seen, self.gripper, self.config, rng)
+            regions, plans = plans_of_frame(self.peer, frame, seen, self.gripper, self.config, rng)
             kept, ranker = replace(self.config, max_grasps_per_region=MOST_GRASPS), OWN_SCORE
             reason = f"{self.config.method} finds no allowed grasp with a sufficient score"
         grasps = grasp_table(plans, kept, ranker)
         return FrameResult(
             name=frame.name,
             status="ok" if len(grasps) else "empty",
-            message="" if len(grasps) else why_weak(plans) or reason,
+            message="" if len(grasps) else why_all_weak(plans) or reason,
             intrinsics=frame.intrinsics,
             seconds=time.monotonic() - started,
             regions=region_table(regions, plans),
@@ -132,13 +127,13 @@ class Planner:
         """
         regions, clouds = seen.in_workspace()
         graspable = [region.is_graspable for region in regions]
-        planned = iter(self._plans(list(compress(clouds, graspable)), seen, rng))
+        planned = iter(self._region_plans(list(compress(clouds, graspable)), seen, rng))
         plans = [next(planned) if each else Plan(RankedGrasps.empty()) for each in graspable]
         if self.config.method == "random":
             return regions, plans
-        regions, plans = self._in_pieces(regions, plans, seen, rng)
+        regions, plans = self._split_into_pieces(regions, plans, seen, rng)
         plans = [
-            self._planar_on_piece(plan, region.mask, seen)
+            self._grasps_on_piece(plan, region.mask, seen)
             if region.is_graspable and not len(plan.grasps)
             else plan
             for plan, region in zip(plans, regions, strict=True)
@@ -146,7 +141,7 @@ class Planner:
         return regions, plans
 
     @cached_property
-    def _of_regions(self) -> RegionPlanner:
+    def _region_planner(self) -> RegionPlanner:
         """The planner of single regions."""
         selection = self.config.selection
         has_critic = self._knows_symmetries and selection.ranking.uses_critic
@@ -158,16 +153,16 @@ class Planner:
         by_network = self.predictor is not None and self.config.method != "random"
         return by_network or self.symmetry_peer is not None
 
-    def _plans(
+    def _region_plans(
         self, clouds: list[RegionCloud], seen: Observation, rng: np.random.Generator
     ) -> list[Plan]:
         """Return the plan of each of `clouds`, all regions of a frame."""
-        planner, selection, scene = self._of_regions, self.config.selection, seen.scene
+        planner, selection, scene = self._region_planner, self.config.selection, seen.scene
         if not self._knows_symmetries:
             only = (random_pass(rng) if self.config.method == "random" else planar_pass(),)
             return [Plan(planner.plan(RegionModel(cloud), scene, only)) for cloud in clouds]
         large = [index for index, cloud in enumerate(clouds) if len(cloud) >= MIN_POINTS]
-        predicted = self._predicted([clouds[i] for i in large], seen)
+        predicted = self._predictions([clouds[i] for i in large], seen)
         critics = self.symmetry_critics if selection.symmetry.is_fitted else None
         critics = critics if self.symmetry_peer is None else None
         plans = [Plan(RankedGrasps.empty()) for _ in clouds]
@@ -176,14 +171,14 @@ class Planner:
             plans[index] = Plan(planner.plan(model, scene), model.symmetries, each)
         return plans
 
-    def _predicted(self, clouds: list[RegionCloud], seen: Observation) -> list[PredictedRegion]:
+    def _predictions(self, clouds: list[RegionCloud], seen: Observation) -> list[PredictedRegion]:
         """Return the predictions of the network, or of a compared method, for `clouds`."""
         if self.symmetry_peer is not None:
             return compared_regions(clouds, seen.scene, seen.color, self.symmetry_peer)
         assert self.predictor is not None
         return predicted_regions(clouds, seen.scene.plane, self.predictor)
 
-    def _in_pieces(
+    def _split_into_pieces(
         self, regions: list[Region], plans: list[Plan], seen: Observation, rng: np.random.Generator
     ) -> tuple[list[Region], list[Plan]]:
         """Return regions and plans, with detections without a symmetric grasp in pieces (D. 97).
@@ -203,7 +198,9 @@ class Planner:
         flat = [(index, i, mask) for index in pieces for i, mask in enumerate(pieces[index])]
         clouds = [RegionCloud.from_mask(mask, seen.scene) for _, _, mask in flat]
         regions, plans = list(regions), list(plans)
-        for (index, rank, mask), plan in zip(flat, self._plans(clouds, seen, rng), strict=True):
+        for (index, rank, mask), plan in zip(
+            flat, self._region_plans(clouds, seen, rng), strict=True
+        ):
             if len(pieces[index]) == 1:
                 regions[index], plans[index] = replace(regions[index], mask=mask), plan
             elif len(plan.grasps) and rank == 0:
@@ -213,7 +210,7 @@ class Planner:
                 plans.append(plan)
         return regions, plans
 
-    def _planar_on_piece(self, plan: Plan, mask: Mask, seen: Observation) -> Plan:
+    def _grasps_on_piece(self, plan: Plan, mask: Mask, seen: Observation) -> Plan:
         """Return `plan` with planar grasps on a piece of `mask` (H, W), if a piece has any."""
         inside, scene = self.config.min_piece_inside, seen.scene
         for segment in seen.segments.masks if self.config.regions != "detector" else ():
@@ -221,7 +218,7 @@ class Planner:
             if np.count_nonzero(piece) < inside * np.count_nonzero(segment):
                 continue
             cloud = RegionCloud.from_mask(piece, scene)
-            ranked = self._of_regions.plan(RegionModel(cloud), scene, (planar_pass(),))
+            ranked = self._region_planner.plan(RegionModel(cloud), scene, (planar_pass(),))
             if len(ranked):
                 return replace(plan, grasps=ranked)
         return plan

@@ -22,7 +22,7 @@ from pipelines.grasp_files.grasps_tables import REGION_FLAT, REGION_MEASURED, RE
 from pipelines.grasping.feasibility.limits import Limits
 from pipelines.grasping.planner import MIN_POINTS
 from pipelines.grasping.scene import RegionCloud, SceneCloud
-from pipelines.inference.regions import Region, find_regions, with_insides
+from pipelines.inference.regions import Region, find_regions, with_containers_joined
 from pipelines.inference.regions_by_color import with_color
 from pipelines.tabletop.regions.color import ColorPieces, color_pieces
 from pipelines.tabletop.regions_geometric import (
@@ -106,7 +106,7 @@ def observe(
             pieces = _color_pieces(frame.color, segments, config.region.color)
             found = with_color(found, pieces, segments, depth, lens, config)
         if masks is None and config.regions != "detector":
-            found = with_insides(found, segments)
+            found = with_containers_joined(found, segments)
     clouds = [RegionCloud.from_mask(region.mask, scene) for region in found]
     found = [
         replace(region, status=_status(cloud, segments))
@@ -141,18 +141,18 @@ def why_empty(seen: Observation, mask_pixels: int | None = None) -> str:
     `mask_pixels`: smallest number of pixels of an instance in the user's masks; None without masks.
     """
     if mask_pixels is None:
-        return _of_regions(seen)
+        return _why_none_graspable(seen)
     total = len(seen.regions) + seen.too_small
     if not total:
         return "the masks contain no instance; number the pixels of each instance, from 1"
-    reasons = [_of_regions(seen)] if seen.regions else []
+    reasons = [_why_none_graspable(seen)] if seen.regions else []
     if seen.too_small:
         small = f"{seen.too_small} of {total} instances of the masks were dropped as too small"
         reasons += [small, f"an instance needs {mask_pixels} pixels"]
     return "; ".join(reasons)
 
 
-def _where(seen: Observation) -> str:
+def _place_of_regions(seen: Observation) -> str:
     """Return a sentence on the place of the regions, as a box in the frame of the workspace."""
     limits, clouds = seen.scene.limits, [cloud for cloud in seen.clouds if len(cloud)]
     if limits is None or not clouds:
@@ -165,7 +165,7 @@ def _where(seen: Observation) -> str:
     return f"their middles are at {metres} m in the {frame} frame; see `symgrasp workspace`"
 
 
-def _of_regions(seen: Observation) -> str:
+def _why_none_graspable(seen: Observation) -> str:
     clouds, limits = seen.clouds, seen.scene.limits
     if clouds and all(len(cloud) < MIN_POINTS for cloud in clouds):
         measured = f"too little depth was measured in {len(clouds)} regions"
@@ -174,7 +174,7 @@ def _of_regions(seen: Observation) -> str:
         return "nothing stands out from its support; is an object within reach of the camera?"
     inside = len(seen.in_workspace()[0])
     if not inside:
-        return f"none of {len(clouds)} regions is in the workspace; {_where(seen)}"
+        return f"none of {len(clouds)} regions is in the workspace; {_place_of_regions(seen)}"
     if limits is not None:
         return f"none of {inside} regions in the workspace has a grasp within the given limits"
     return f"none of {inside} regions has a grasp that the gripper reaches without collision"

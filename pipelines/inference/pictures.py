@@ -10,14 +10,15 @@ from pathlib import Path
 
 from pipelines.grasp_files.grasps_stream import read_index, read_results
 from pipelines.inference.run_settings import Settings
-from pipelines.inference.work import STAGE, overlay_path, writing
+from pipelines.inference.work import STAGE, overlay_path, reporting_write_errors
 from pipelines.pictures.overlays import is_drawn, write_overlay
 from pipelines.runtime.batch import BatchOptions, WorkItem, run_batch
 
-Found = tuple[WorkItem, Path, int]  # a frame, the `grasps.h5` of its results, their index there
+# A frame, the `grasps.h5` of its results, and their index there.
+FoundResult = tuple[WorkItem, Path, int]
 
 
-def of_output(output: Path, items: Sequence[WorkItem]) -> Iterator[Found]:
+def results_of_output(output: Path, items: Sequence[WorkItem]) -> Iterator[FoundResult]:
     """Yield the frames of `output`, which was made from `items`, without failed frames."""
     for place, status in enumerate(read_index(output).statuses):
         if status != "failed":
@@ -25,7 +26,7 @@ def of_output(output: Path, items: Sequence[WorkItem]) -> Iterator[Found]:
 
 
 def draw_missing(
-    settings: Settings, frames: Iterable[Found], options: BatchOptions
+    settings: Settings, frames: Iterable[FoundResult], options: BatchOptions
 ) -> dict[str, str]:
     """Draw the pictures of `frames` that are missing or show other results, if any are wanted.
 
@@ -54,5 +55,5 @@ def _draw(item: WorkItem) -> None:
     source, results, place = item.arguments
     (result,) = read_results(results, [place])
     frame = source.read()
-    with writing(item.target):
+    with reporting_write_errors(item.target):
         write_overlay(item.target, frame, result, item.stamp)

@@ -100,7 +100,7 @@ def grasp_table(plans: list[Plan], config: InferConfig, ranker: str) -> GraspTab
     )
 
 
-def why_weak(plans: list[Plan]) -> str:
+def why_all_weak(plans: list[Plan]) -> str:
     """Return a sentence that all grasps of a frame score too low; empty without grasps."""
     scores = np.concatenate([np.zeros(0), *(plan.grasps.rank_score for plan in plans)])
     if not len(scores):

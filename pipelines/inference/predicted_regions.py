@@ -11,7 +11,7 @@ from pipelines.array_types import Array, Floats
 from pipelines.configs import SelectionConfig
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import SPHERE_SLOT, SymmetrySlots
-from pipelines.grasping.planner import RegionModel
+from pipelines.grasping.passes import RegionModel
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.grasping.symmetries.completion import completions
 from pipelines.grasping.symmetries.grounding import SymmetryCritics, ground_symmetries

@@ -72,14 +72,14 @@ def find_regions(
         regions = []
         if detector is not None:
             found = detector.detect(color, depth, intrinsics, segments.plane)
-            regions = _standing(found, depth > 0, segments, config)
+            regions = _from_detections(found, depth > 0, segments, config)
         if config.regions != "detector":
-            regions = _completed(regions, segments, config)
+            regions = _completed_by_depth(regions, segments, config)
     large = [r for r in regions if np.count_nonzero(r.mask) >= config.min_region_pixels]
     return large, len(regions) - len(large)
 
 
-def _standing(
+def _from_detections(
     detections: Sequence["Detection"],
     measured: Mask,
     segments: GeometricRegions,
@@ -105,7 +105,7 @@ def _standing(
     return regions
 
 
-def _completed(
+def _completed_by_depth(
     regions: list[Region], segments: GeometricRegions, config: InferConfig
 ) -> list[Region]:
     """Return `regions`, completed by `segments`, and further regions of `segments` (D. 135).
@@ -169,7 +169,7 @@ def pieces_of(mask: Mask, labels: NDArray[np.int32], config: InferConfig) -> lis
     return [mask & (labels == number) for number in numbers]
 
 
-def with_insides(regions: list[Region], segments: GeometricRegions) -> list[Region]:
+def with_containers_joined(regions: list[Region], segments: GeometricRegions) -> list[Region]:
     """Return disjoint `regions`, with outside and inside of a container as one region (D. 134)."""
     if not regions:
         return regions

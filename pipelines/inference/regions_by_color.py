@@ -20,7 +20,7 @@ from pipelines.tabletop.regions_geometric import GeometricRegions, without_holes
 
 LEAST_ADDED = 0.03  # share of a region's pixels below which nothing is added to it
 SAMPLE = 500  # approximate number of pixels of a region for its heights
-CABLE = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))  # no part of an object is narrower
+NARROWEST = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))  # no part of an object is narrower
 
 
 def with_color(
@@ -35,7 +35,7 @@ def with_color(
 
     `depth`: (H, W) metres, 0 = missing.
     """
-    work = _Completion(segments, depth, intrinsics, config.region.color)
+    completion = _ColorCompletion(segments, depth, intrinsics, config.region.color)
     count = len(pieces.whole)
     inside = np.array([np.bincount(pieces.labels[r.mask], minlength=count) for r in regions])
     inside = inside.reshape(len(regions), count)
@@ -52,25 +52,25 @@ def with_color(
             large = np.count_nonzero(rest) >= config.min_region_pixels
             mostly = np.count_nonzero(rest) > config.min_uncovered * np.count_nonzero(piece)
             # A piece that clearly stands out is found by depth, or is a wall or an arm.
-            if pieces.whole[number] and large and mostly and work.is_low(rest):
+            if pieces.whole[number] and large and mostly and completion.is_low(rest):
                 new.append(Region(rest, config.geometric_confidence, "color"))
             continue
         own = [result[member] for member in members]
-        if len(members) > 1 and not work.are_one(own, piece):
+        if len(members) > 1 and not completion.are_one_object(own, piece):
             continue
-        result[members[0]] = work.completed(own, rest)
+        result[members[0]] = completion.completed(own, rest)
         gone.update(members[1:].tolist())
     return [region for place, region in enumerate(result) if place not in gone] + new
 
 
 @dataclass(frozen=True)
-class _Completion:
+class _ColorCompletion:
     segments: GeometricRegions
     depth: Depth
     intrinsics: Intrinsics
     config: ColorConfig
 
-    def are_one(self, regions: list[Region], piece: Mask) -> bool:
+    def are_one_object(self, regions: list[Region], piece: Mask) -> bool:
         """Return whether `regions` in one `piece` are parts of an object hardly above the noise."""
         outline = np.ascontiguousarray(np.argwhere(piece)[:, ::-1].astype(np.int32))
         convex = cv2.contourArea(cv2.convexHull(outline))
@@ -87,7 +87,7 @@ class _Completion:
         window = box_of(mask | rest)
         own, free = mask[window], rest[window]
         more = free if self.is_low(mask) else free & ~self.segments.bare[window]
-        thick = cv2.morphologyEx((own | more).astype(np.uint8), cv2.MORPH_OPEN, CABLE) > 0
+        thick = cv2.morphologyEx((own | more).astype(np.uint8), cv2.MORPH_OPEN, NARROWEST) > 0
         count, labels = cv2.connectedComponents((thick | own).view(np.uint8), connectivity=8)
         touched = np.bincount(labels[own], minlength=count) > 0
         grown = own | (more & thick & touched[labels])

@@ -160,7 +160,7 @@ class Settings:
         return None
 
 
-def check_names(config: InferConfig) -> None:
+def check_config(config: InferConfig) -> None:
     """Raise SymgraspError unless all values in `config` are known and its limits are valid."""
     check_settings(config)
     check_limits(config.limits)

@@ -13,7 +13,7 @@ MAX_THREADS = 4
 FRAMES_A_PROCESS = 8
 
 
-def side_by_side(options: BatchOptions, frames: int, device: str) -> BatchOptions:
+def options_for_frames(options: BatchOptions, frames: int, device: str) -> BatchOptions:
     """Return `options` with the number of workers for `frames`, if the user gives none.
 
     Threads of one process wait for Python's lock a third of the time. With many frames on a CPU,
@@ -28,7 +28,7 @@ def side_by_side(options: BatchOptions, frames: int, device: str) -> BatchOption
     return replace(options, workers=min(cpu_count(), MAX_THREADS), backend="threading")
 
 
-def load(settings: Settings, options: BatchOptions) -> None:
+def load_in_workers(settings: Settings, options: BatchOptions) -> None:
     """Load all networks in every worker, so that a failure is reported once.
 
     Raises:

@@ -42,7 +42,7 @@ class Lister:
         self._changes: dict[Path, int] | None = None
         self._listed = 0.0
 
-    def look(self, now: float) -> Sequence[FrameSource]:
+    def frames(self, now: float) -> Sequence[FrameSource]:
         """Return the frames in the folder at the time `now`.
 
         Raises:
@@ -93,7 +93,7 @@ class Watcher:
         self._config = config
         self._seen: dict[str, _Seen] = {}
 
-    def look(self, sources: Sequence[FrameSource], now: float) -> list[Arrival]:
+    def arrivals(self, sources: Sequence[FrameSource], now: float) -> list[Arrival]:
         """Return the frames to read at the time `now`, the longest unchanged first.
 
         A frame is returned until it is finished or put off.

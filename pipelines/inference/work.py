@@ -67,7 +67,7 @@ class Work:
         return self.settings.weights()
 
     @cached_property
-    def common(self) -> Mapping[str, str]:
+    def shared_inputs(self) -> Mapping[str, str]:
         """Digests of all inputs that the frames share."""
         camera, units = self.stated.camera, self.stated.depth_units_per_metre
         stated = f"{camera} {units} {self.settings.timings}"
@@ -87,9 +87,9 @@ class Work:
 
     def items(self, sources: Sequence[FrameSource]) -> list[WorkItem]:
         """Return one work item, with a shard as target, for each of `sources`."""
-        shared, items = self.stamp(self.common), []
+        shared, items = self.stamp(self.shared_inputs), []
         for source in sources:
-            stamp = replace(shared, inputs=FrameInputs(self.common, source.files))
+            stamp = replace(shared, inputs=FrameInputs(self.shared_inputs, source.files))
             target = grasps_file.shard_path(self.output, source.name)
             items.append(WorkItem(source.name, target, stamp, (source,)))
         return items
@@ -99,16 +99,16 @@ class Work:
         config, seed = self.settings.config, self.settings.seed
         return make_stamp(STAGE, config, seed=seed, inputs=inputs)
 
-    def whole_stamp(self, items: Sequence[WorkItem]) -> Stamp:
+    def output_stamp(self, items: Sequence[WorkItem]) -> Stamp:
         """Return the stamp of the output with `items`; reads all files of the items."""
         unknown = [inputs for item in items if not (inputs := inputs_of(item)).are_known]
         with ThreadPoolExecutor() as threads:  # digests release Python's lock
             list(threads.map(dict, unknown))
         frames = digest_text("\n".join(f"{item.name} {item.stamp.as_digest()}" for item in items))
         record = FramesRecord(self.settings.paths.frames, self.stated).beside(self.output)
-        return replace(self.stamp({**self.common, "frames": frames}), recorded=record)
+        return replace(self.stamp({**self.shared_inputs, "frames": frames}), recorded=record)
 
-    def put_together(
+    def assemble(
         self,
         items: Sequence[WorkItem],
         failed: Mapping[str, str],
@@ -128,7 +128,7 @@ class Work:
             check()
             if item.name not in failed and not inputs_of(item).are_known:
                 inputs_of(item).take_over(read_stamp(item.target) or {}, unseen=True)
-        merge_shards(self.output, parts, self.whole_stamp(items), self.weights, check)
+        merge_shards(self.output, parts, self.output_stamp(items), self.weights, check)
 
 
 def infer_frame(item: WorkItem, settings: Settings) -> str | None:
@@ -153,16 +153,16 @@ def infer_frame(item: WorkItem, settings: Settings) -> str | None:
         result = replace(result, name=source.name, seconds=seconds)
         if settings.paths.overlays is not None:
             picture = overlay_path(settings.paths.overlays, source.name)
-            with writing(picture):
+            with reporting_write_errors(picture):
                 write_overlay(picture, frame, result, item.stamp)
-        with writing(item.target):
+        with reporting_write_errors(item.target):
             stamp = replace(item.stamp, recorded={"files": signatures})
             grasps_file.write(item.target, [result], stamp)
         return "; ".join(filter(None, (*oddities(frame), result.message))) or None
 
 
 @contextmanager
-def writing(path: Path) -> Iterator[None]:
+def reporting_write_errors(path: Path) -> Iterator[None]:
     """Raise WriteError, which is no fault of a frame, if `path` cannot be written."""
     try:
         yield
@@ -175,7 +175,7 @@ def overlay_path(folder: Path, frame_name: str) -> Path:
     return within(folder, folder / f"{frame_name}.png")
 
 
-def finished_of(items: Sequence[WorkItem]) -> list[WorkItem]:
+def finished_items(items: Sequence[WorkItem]) -> list[WorkItem]:
     """Return the items with valid shards.
 
     Shards left by a killed run with other settings are removed: they are of no use.
@@ -205,7 +205,7 @@ def inputs_of(item: WorkItem) -> FrameInputs:
     return inputs if isinstance(inputs, FrameInputs) else FrameInputs(inputs, ())
 
 
-def refuse_others_work(output: Path) -> None:
+def refuse_foreign_output(output: Path) -> None:
     """Raise SymgraspError if `output` exists and was not written by `infer`."""
     if not output.exists():
         return
@@ -218,11 +218,14 @@ def refuse_others_work(output: Path) -> None:
 
 def earlier_frames(work: Work) -> dict[str, WorkItem]:
     """Return the finished frames of an earlier run with the same settings, by name."""
-    wanted, items = work.stamp(work.common).as_json(), {}
+    wanted, items = work.stamp(work.shared_inputs).as_json(), {}
     parts = sorted(grasps_file.parts_folder(work.output).glob("[!.]*.h5"))
     for path in parts:
         found = read_stamp(path) or {}
-        if _is_alike(found, wanted) and wanted["inputs"].items() <= found["inputs"].items():
+        if (
+            _has_same_settings(found, wanted)
+            and wanted["inputs"].items() <= found["inputs"].items()
+        ):
             (name,) = read_index(path).names
             stamp = Stamp(STAGE, found["config"], found["seed"], found["inputs"])
             items[name] = WorkItem(name, path, stamp)
@@ -247,11 +250,11 @@ def refuse_stale(work: Work, known: set[str]) -> None:
 
 def refuse_other_settings(work: Work) -> None:
     """Raise StaleOutputError unless the output has these settings; read no images."""
-    found, wanted = read_stamp(work.output) or {}, work.stamp(work.common).as_json()
+    found, wanted = read_stamp(work.output) or {}, work.stamp(work.shared_inputs).as_json()
     inputs = {name: each for name, each in found.get("inputs", {}).items() if name != "frames"}
-    if not _is_alike(found, wanted) or inputs != wanted["inputs"]:
+    if not _has_same_settings(found, wanted) or inputs != wanted["inputs"]:
         raise StaleOutputError(work.output)
 
 
-def _is_alike(found: dict[str, object], wanted: dict[str, object]) -> bool:
+def _has_same_settings(found: dict[str, object], wanted: dict[str, object]) -> bool:
     return all(found.get(key) == wanted[key] for key in ("stage", "config", "seed"))

@@ -87,7 +87,8 @@ class SymmetryGraspNet(nn.Module):
         """Return the features of the points with indices `query`, by default of all points.
 
         Args:
-            points: metres, axes of the `input_frame`, centred on their centroid.
+            points: metres, axes of the `input_frame`, centred on their centroid, in random order,
+                which the strides of `SetAbstraction`, `PIFT` and `predict` assume.
             ground: metres from the table up to the centroid, 0 (the default) where it is not
                 known; for networks with the input frame `table`.
             query: indices of points.

@@ -33,7 +33,11 @@ class SetAbstraction(nn.Module):
 
     Neighbours are the k nearest points, not the points within a radius: a group then has as many
     points on a large object as on a small one, and follows PIFT's scaling. The search is among
-    every `stride`-th point, which widens a group of the same size. Points are in random order.
+    every `stride`-th point, which widens a group of the same size.
+
+    A `stride` above 1 assumes that the order of the points says nothing of their places, so that
+    every n-th point covers the cloud: the input is in random order, and sampled points come
+    farthest first. Points in the order of pixels would leave rows or columns out.
     """
 
     def __init__(

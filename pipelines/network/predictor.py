@@ -135,7 +135,10 @@ class GraspPredictor:
         return tuple(column.cpu().numpy() for column in columns)
 
     def _draw(self, cloud: Floats, seed: int) -> NDArray[np.int64]:
-        """Return the indices (N,) of the points of `cloud` that the network sees."""
+        """Return the indices (N,) of the points of `cloud` that the network sees, in random order.
+
+        `SetAbstraction` and the votes assume that order.
+        """
         points = np.asarray(cloud)
         if points.ndim != 2 or points.shape[1] != 3 or not len(points):
             raise ValueRangeError(

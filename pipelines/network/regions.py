@@ -13,7 +13,7 @@ from pipelines.network.sampling import gather
 class RegionBatch:
     """Region clouds and their labels, each centred on its cloud's centroid.
 
-    Axes are the network's `input_frame`.
+    Axes are the network's `input_frame`. Points are in random order: layers take every n-th.
     """
 
     points: Tensor  # (B, N, 3) metres

@@ -15,7 +15,7 @@ from joblib import delayed
 from pipelines.contents import reason
 from pipelines.errors import StaleOutputError, SymgraspError, WriteError, printable
 from pipelines.runtime.clusters import CLUSTERS, check_backend, workers_of
-from pipelines.runtime.progress import shown
+from pipelines.runtime.progress import with_progress
 from pipelines.storage.provenance import Stamp, is_finished
 
 log = logging.getLogger(__name__)
@@ -84,7 +84,7 @@ class StageReport:
         else:
             self.done.append(name)
 
-    def why_none(self, predicate: str) -> str:
+    def why_all_failed(self, predicate: str) -> str:
         """Return the sentence of a stage where all frames failed, with the first reason."""
         name, sentence = next(iter(self.failed.items()))
         return f"none of {len(self.failed)} frames {predicate}; {name}: {sentence}"
@@ -156,7 +156,7 @@ def _unfinished(
         try:
             finished = is_finished(item.target, item.stamp, overwrite=options.overwrite)
         except Exception as error:  # content that no reader foresaw fails its item alone
-            report.failed[item.name] = failure_of(error)
+            report.failed[item.name] = failure_sentence(error)
             continue
         if finished:
             report.skipped.append(item.name)
@@ -178,11 +178,11 @@ def _outcomes(
     options = options.for_items(len(todo))
     if threads is not None or options.is_here:
         results = (threads.map if threads else map)(partial(_attempt, step), todo)
-        yield from shown(results, stage, len(todo)) if options.progress else results
+        yield from with_progress(results, stage, len(todo)) if options.progress else results
         return
     with workers_of(options.backend, max(1, options.workers)) as run:
         results = run(delayed(_attempt)(step, item) for item in todo)
-        yield from shown(results, stage, len(todo)) if options.progress else results
+        yield from with_progress(results, stage, len(todo)) if options.progress else results
 
 
 def _attempt(
@@ -194,10 +194,10 @@ def _attempt(
     except (WriteError, ImportError):
         raise
     except Exception as error:  # see `run_batch`
-        return None, failure_of(error)
+        return None, failure_sentence(error)
 
 
-def failure_of(error: Exception) -> str:
+def failure_sentence(error: Exception) -> str:
     """Return the sentence of an error that fails an item."""
     if isinstance(error, SymgraspError | OSError):
         return printable(str(error))

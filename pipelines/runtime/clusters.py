@@ -60,10 +60,10 @@ def workers_of(backend: str, workers: int) -> Iterator[RunTasks]:
     others = set(threading.enumerate())
     if backend == "dask":
         with _dask(workers), parallel_config(backend="dask"):
-            yield _run_with(return_as="generator")
+            yield _parallel_run(return_as="generator")
     elif backend == "ray":
         with _ray(workers), parallel_config(backend="ray", n_jobs=workers):
-            yield _run_with()  # its pool returns no result before all are done
+            yield _parallel_run()  # its pool returns no result before all are done
     else:
         try:
             remove_joblib_folders(lambda process: not is_running(process))
@@ -72,7 +72,7 @@ def workers_of(backend: str, workers: int) -> Iterator[RunTasks]:
                 _huge_pages(),
                 parallel_config(backend, n_jobs=workers, **(begin if backend == "loky" else {})),
             ):
-                yield _run_with(return_as="generator")
+                yield _parallel_run(return_as="generator")
         except TerminatedWorkerError as error:
             raise SymgraspError(
                 "a worker process was ended from outside, most likely for lack of memory; "
@@ -88,7 +88,7 @@ def _begin_worker(parent: int) -> None:
     process_executor._MAX_MEMORY_LEAK_SIZE = math.inf
 
 
-def _run_with(**options: str) -> RunTasks:
+def _parallel_run(**options: str) -> RunTasks:
     """Return a function that calls joblib's `Parallel`, which starts workers at the first tasks."""
     parallel = Parallel(**options)
 
@@ -136,7 +136,7 @@ def end_workers() -> None:
 @contextmanager
 def _dask(workers: int) -> Iterator[None]:
     """Connect to a dask scheduler, or to workers started here, until the context ends."""
-    distributed = _extra("distributed", "dask")
+    distributed = _optional_module("distributed", "dask")
     logging.getLogger("distributed").setLevel(logging.ERROR)  # else a line for each connection
     try:
         distributed.get_client()
@@ -172,7 +172,7 @@ def _dask(workers: int) -> Iterator[None]:
 def _ray(workers: int) -> Iterator[None]:
     """Connect to a ray cluster, or to a cluster started here, until the context ends."""
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # no statistics are sent
-    ray = _extra("ray", "ray")
+    ray = _optional_module("ray", "ray")
     import_module("ray.util.joblib").register_ray()
     if ray.is_initialized():
         yield
@@ -206,7 +206,7 @@ def _ray_processes() -> list[int]:
     return [info.process.pid for infos in node.all_processes.values() for info in infos]
 
 
-def _extra(module: str, extra: str) -> ModuleType:
+def _optional_module(module: str, extra: str) -> ModuleType:
     """Return an optional module.
 
     Raises:

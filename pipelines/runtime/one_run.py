@@ -66,7 +66,7 @@ def one_run_at_a_time(stage: str, *names: str) -> Callable[[Callable[P, R]], Cal
             output = next((found for n in names if (found := _value(given, n)) is not None), None)
             if output is None or _writes_nothing(given):
                 return run(*args, **kwargs)
-            with held(output, stage):
+            with output_locked(output, stage):
                 return run(*args, **kwargs)
 
         return guarded
@@ -86,7 +86,7 @@ def _writes_nothing(given: Mapping[str, Any]) -> bool:
 
 
 @contextmanager
-def held(output: Path, stage: str) -> Iterator[None]:
+def output_locked(output: Path, stage: str) -> Iterator[None]:
     """Hold the lock of `output` for a run of `stage`, for as long as the context lasts.
 
     On a disk that is read-only or supports no locks, the run continues without a lock.
@@ -101,7 +101,7 @@ def held(output: Path, stage: str) -> Iterator[None]:
     try:
         with suppress(OSError):  # the stage reports a folder that cannot be written
             whole.parent.mkdir(parents=True, exist_ok=True)
-            handle = _locked(lock, output, stage)
+            handle = _opened_lock(lock, output, stage)
         yield
     finally:
         if handle is not None:
@@ -118,7 +118,7 @@ def _missing_parents(path: Path) -> list[Path]:
     return [folder for folder in path.parents if not folder.exists()]
 
 
-def _locked(lock: Path, output: Path, stage: str) -> int | None:
+def _opened_lock(lock: Path, output: Path, stage: str) -> int | None:
     """Return the open lock file; None on Windows, where there are no locks."""
     if sys.platform == "win32":
         return None
@@ -126,7 +126,7 @@ def _locked(lock: Path, output: Path, stage: str) -> int | None:
         handle = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if _is_at(handle, lock):
+            if _is_file_at(handle, lock):
                 break  # else its holder has removed the file meanwhile
         except BlockingIOError as error:
             holder = _holder(handle)
@@ -142,7 +142,7 @@ def _locked(lock: Path, output: Path, stage: str) -> int | None:
     return handle
 
 
-def _is_at(handle: int, path: Path) -> bool:
+def _is_file_at(handle: int, path: Path) -> bool:
     try:
         return os.path.samestat(os.fstat(handle), path.stat())
     except FileNotFoundError:

@@ -2,14 +2,14 @@
 
 import os
 
-_chosen = os.environ.get("MUJOCO_GL")
+_renderer = os.environ.get("MUJOCO_GL")
 os.environ["MUJOCO_GL"] = "disable"
 try:
     import mujoco
 finally:
-    if _chosen is None:
+    if _renderer is None:
         del os.environ["MUJOCO_GL"]
     else:
-        os.environ["MUJOCO_GL"] = _chosen
+        os.environ["MUJOCO_GL"] = _renderer
 
 __all__ = ["mujoco"]

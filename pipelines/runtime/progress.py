@@ -11,7 +11,7 @@ Item = TypeVar("Item")
 LINE_SECONDS = 30.0  # between two lines
 
 
-def shown(
+def with_progress(
     items: Iterable[Item], stage: str, total: int, *, every: float | None = None
 ) -> Iterator[Item]:
     """Yield `items`; show on stderr the number of `total` items done, and the time left.
@@ -35,7 +35,7 @@ def shown(
             yield item
 
 
-def line(stage: str, done: int, total: int, seconds: float) -> str:
+def progress_line(stage: str, done: int, total: int, seconds: float) -> str:
     """Return a line of progress after `seconds`: number of items done, total, time left."""
     if not done:
         return f"{stage}: 0 of {total} done"
@@ -64,7 +64,7 @@ def _lines(stage: str, total: int, every: float, stream: TextIO) -> Iterator[_Co
 
     def write() -> None:
         while not ended.wait(every):
-            stream.write(line(stage, count.done, total, time.monotonic() - started) + "\n")
+            stream.write(progress_line(stage, count.done, total, time.monotonic() - started) + "\n")
             stream.flush()
 
     thread = threading.Thread(target=write, daemon=True)

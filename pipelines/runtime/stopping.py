@@ -10,11 +10,11 @@ from typing import Any
 
 from pipelines.errors import SymgraspError
 
-HEEDED = (signal.SIGTERM, signal.SIGINT)
+STOP_SIGNALS = (signal.SIGTERM, signal.SIGINT)
 Handler = Callable[[int, FrameType | None], Any] | int | signal.Handlers | None
 
 
-class Reason(IntEnum):
+class StopReason(IntEnum):
     """Reason to stop; of two reasons the larger value counts."""
 
     NONE = 0
@@ -29,7 +29,7 @@ class TrainingStopped(SymgraspError):  # noqa: N818 - nothing went wrong
     `exit_code`: 128 + the signal's number, as in shells.
     """
 
-    def __init__(self, reason: Reason, sentence: str) -> None:
+    def __init__(self, reason: StopReason, sentence: str) -> None:
         super().__init__(f"stopped by {reason.name} {sentence}")
         self.exit_code = 128 + signal.Signals[reason.name]
 
@@ -38,34 +38,34 @@ class StopSignals:
     """Record of the signals to stop, which so do not end the process within a step."""
 
     def __init__(self) -> None:
-        self.reason = Reason.NONE
+        self.reason = StopReason.NONE
         self._before: dict[signal.Signals, Handler] = {}  # the earlier handlers
 
     @contextmanager
-    def heeded(self, *, patient: bool) -> Iterator[None]:
+    def recorded(self, *, expects_repeats: bool) -> Iterator[None]:
         """Record SIGTERM and Ctrl-C instead of ending, for as long as the context lasts.
 
-        A second signal ends the process at once, unless `patient`: torchrun sends each twice.
+        A second signal ends the process at once, unless `expects_repeats`: torchrun sends two.
         """
         if threading.current_thread() is not threading.main_thread():
             yield  # only the main thread receives signals
             return
 
         def note(number: int, _frame: FrameType | None) -> None:
-            if self.reason is not Reason.NONE and not patient:
+            if self.reason is not StopReason.NONE and not expects_repeats:
                 signal.signal(number, self._before[signal.Signals(number)])
                 signal.raise_signal(number)
             name = signal.Signals(number).name
-            self.reason = max(self.reason, Reason[name])
+            self.reason = max(self.reason, StopReason[name])
 
-        self._before = {each: signal.getsignal(each) for each in HEEDED}
-        with _handled_by(dict.fromkeys(HEEDED, note)):
+        self._before = {each: signal.getsignal(each) for each in STOP_SIGNALS}
+        with _handled_by(dict.fromkeys(STOP_SIGNALS, note)):
             yield
         self._before = {}
 
     @contextmanager
-    def at_once(self) -> Iterator[None]:
-        """Let a signal end the process at once, within `heeded`, while there is nothing to lose."""
+    def ending_at_once(self) -> Iterator[None]:
+        """Let a signal end the process at once, inside `recorded`, while nothing can be lost."""
         with _handled_by(self._before):
             yield
 

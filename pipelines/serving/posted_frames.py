@@ -15,7 +15,7 @@ from PIL import Image
 from pipelines.contents import parsed_json
 from pipelines.errors import ValueRangeError
 
-KNOWN = ("color", "depth", "intrinsics", "depth_units_per_metre", "workspace", "masks", "name")
+KEYS = ("color", "depth", "intrinsics", "depth_units_per_metre", "workspace", "masks", "name")
 COLOR_FORMATS, DEPTH_FORMATS = ("PNG", "JPEG"), ("PNG",)
 RAW_TYPES = {"color": ("uint8",), "depth": ("uint16", "float32"), "masks": ("uint8", "int32")}
 MODES = {"color": "RGB", "depth": "I;16", "masks": "I"}
@@ -50,12 +50,12 @@ def posted_frame(body: bytes, max_pixels: int) -> PostedFrame:
         raise ValueRangeError("body", f"no JSON ({error})", "an object with a frame") from None
     if not isinstance(content, dict):
         raise ValueRangeError("body", f"a {type(content).__name__}", "an object with a frame")
-    if unknown := sorted(set(content) - set(KNOWN)):
-        raise ValueRangeError("key", repr(unknown[0])[:80], f"one of {', '.join(KNOWN)}")
-    if missing := [key for key in KNOWN[:3] if content.get(key) is None]:
-        raise ValueRangeError("body", f"without {missing[0]}", f"with {', '.join(KNOWN[:3])}")
+    if unknown := sorted(set(content) - set(KEYS)):
+        raise ValueRangeError("key", repr(unknown[0])[:80], f"one of {', '.join(KEYS)}")
+    if missing := [key for key in KEYS[:3] if content.get(key) is None]:
+        raise ValueRangeError("body", f"without {missing[0]}", f"with {', '.join(KEYS[:3])}")
     color, depth = (_image(key, content[key], max_pixels) for key in ("color", "depth"))
-    options = {key: content[key] for key in KNOWN[2:5] if content.get(key) is not None}
+    options = {key: content[key] for key in KEYS[2:5] if content.get(key) is not None}
     if content.get("masks") is not None:
         options["masks"] = _image("masks", content["masks"], max_pixels)
     name = content.get("name", "")
@@ -67,7 +67,7 @@ def posted_frame(body: bytes, max_pixels: int) -> PostedFrame:
 def _image(key: str, content: object, max_pixels: int) -> NDArray[Any]:
     """Return an image, posted as a file in base64 or as `{"shape", "dtype", "data"}`."""
     if isinstance(content, dict):
-        return _raw(key, content, max_pixels)
+        return _raw_array(key, content, max_pixels)
     formats = COLOR_FORMATS if key == "color" else DEPTH_FORMATS
     expected = f"{' or '.join(formats)} in base64, or an object of shape, dtype and data"
     try:
@@ -83,7 +83,7 @@ def _image(key: str, content: object, max_pixels: int) -> NDArray[Any]:
     return array.astype(np.int32) if key == "masks" else array
 
 
-def _raw(key: str, content: Mapping[str, object], max_pixels: int) -> NDArray[Any]:
+def _raw_array(key: str, content: Mapping[str, object], max_pixels: int) -> NDArray[Any]:
     shape, dtype, data = (content.get(name) for name in ("shape", "dtype", "data"))
     types = RAW_TYPES[key]
     if dtype not in types:

@@ -5,13 +5,14 @@ import json
 import numpy as np
 import pytest
 import trimesh
+from typer.main import get_command
 from typer.testing import CliRunner
 
 from pipelines.configs.settings import settings_of
 from pipelines.configs.stages import STAGE_SETTINGS, default_settings
 from pipelines.storage.provenance import read_stamp
 from symgrasp_cli.app import app
-from symgrasp_cli.settings import GivenOption, SettingOption, settings_chosen
+from symgrasp_cli.settings import PANEL, GivenOption, SettingOption, settings_chosen
 
 
 def run(*arguments):
@@ -93,6 +94,33 @@ def test_config_prints_chosen_values_with_their_defaults():
     printed = run("config", "infer", "--set", "selection.ranking.by=eq8").stdout
     assert 'by = "eq8"' in printed
     assert 'Default "critic".' in printed
+
+
+@pytest.mark.parametrize("stage", STAGE_SETTINGS)
+def test_config_prints_the_settings_that_the_environment_gives_to_the_command(stage):
+    options = get_command(app).commands[stage].params
+    given = {
+        each.envvar: "franka"
+        for each in options
+        if each.envvar is not None and each.rich_help_panel == PANEL
+    }
+    found = CliRunner(env=given).invoke(app, ["config", stage, "--json"])
+    rows = json.loads(found.stdout)["settings"]
+    assert {row["variable"]: row["value"] for row in rows if row["variable"] is not None} == given
+
+
+def test_config_names_the_variable_that_gives_a_value_unless_set_overrides_it():
+    runner = CliRunner(env={"SYMGRASP_GRIPPER": "franka"})
+    printed = runner.invoke(app, ["config", "infer"]).stdout
+    assert 'gripper = "franka"' in printed
+    assert 'Default "rg2". Set by SYMGRASP_GRIPPER.' in " ".join(printed.split()).replace(
+        " # ", " "
+    )
+    printed = runner.invoke(app, ["config", "infer", "--set", "gripper=robotiq_2f85"]).stdout
+    assert 'gripper = "robotiq_2f85"' in printed
+    assert "SYMGRASP_GRIPPER" not in printed
+    empty = CliRunner(env={"SYMGRASP_GRIPPER": ""}).invoke(app, ["config", "infer"])
+    assert empty.stdout == run("config", "infer").stdout
 
 
 def test_config_prints_json():

@@ -16,7 +16,8 @@ from pipelines.grasping.feasibility.collision import lowest_height
 from pipelines.grasping.feasibility.feasibility import Feasibility
 from pipelines.grasping.feasibility.limits import Limits
 from pipelines.grasping.grasps import GraspPoses
-from pipelines.grasping.planner import Pass, RegionModel, RegionPlanner, planar_pass, random_pass
+from pipelines.grasping.passes import Pass, RegionModel, planar_pass, random_pass
+from pipelines.grasping.planner import RegionPlanner
 from pipelines.grasping.ranking.ranking import are_near
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from tests.geometry.tabletops import CAMERA, Ball, Box, Can

@@ -61,9 +61,10 @@ def test_only_the_first_compilation_prints_a_message(tmp_path):
 
 
 def test_a_frame_calls_each_loop_with_one_set_of_argument_types():
-    made = subprocess.run(
-        [sys.executable, "-c", GOLDEN_FRAME], capture_output=True, text=True, check=True
-    )
+    for _ in range(2):  # a process that compiles lists the types of loops' inner calls as well
+        made = subprocess.run(
+            [sys.executable, "-c", GOLDEN_FRAME], capture_output=True, text=True, check=True
+        )
     counts = dict(line.split() for line in made.stdout.splitlines())
     assert "pipelines.grasping.feasibility.gripper_bodies.points_met" in counts
     assert {name: number for name, number in counts.items() if int(number) > 1} == {}

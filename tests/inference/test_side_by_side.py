@@ -8,7 +8,7 @@ from pipelines.configs import InferConfig
 from pipelines.errors import SymgraspError
 from pipelines.inference import side_by_side as module
 from pipelines.inference.run_settings import InferPaths, Settings
-from pipelines.inference.side_by_side import load, side_by_side
+from pipelines.inference.side_by_side import load_in_workers, options_for_frames
 from pipelines.runtime.batch import CHOSEN, BatchOptions
 
 OPTIONS = BatchOptions(progress=False)
@@ -23,32 +23,32 @@ def cores(monkeypatch):
 @pytest.mark.usefixtures("cores")
 @pytest.mark.parametrize(("frames", "backend", "workers"), [(15, "threading", 4), (16, "loky", 2)])
 def test_many_frames_get_two_processes_unless_a_number_is_set(frames, backend, workers):
-    found = side_by_side(UNSAID, frames, "cpu")
+    found = options_for_frames(UNSAID, frames, "cpu")
     assert (found.backend, found.workers) == (backend, workers)
-    assert side_by_side(OPTIONS, frames, "cpu").backend == "threading"
+    assert options_for_frames(OPTIONS, frames, "cpu").backend == "threading"
     several = dataclasses.replace(OPTIONS, workers=3)
-    assert side_by_side(several, frames, "cpu") == several
+    assert options_for_frames(several, frames, "cpu") == several
     many = dataclasses.replace(OPTIONS, workers=100)
-    assert side_by_side(many, frames, "cpu").workers == frames
+    assert options_for_frames(many, frames, "cpu").workers == frames
     cluster = dataclasses.replace(UNSAID, backend="dask")
-    assert side_by_side(cluster, frames, "cpu") == cluster
+    assert options_for_frames(cluster, frames, "cpu") == cluster
 
 
 @pytest.mark.usefixtures("cores")
 @pytest.mark.parametrize(("frames", "most", "workers"), [(500, 3, 3), (500, 9, 4), (24, 9, 3)])
 def test_more_processes_are_chosen_where_cores_memory_and_frames_allow(frames, most, workers):
     roomy = dataclasses.replace(UNSAID, most_chosen=most)
-    assert side_by_side(roomy, frames, "cpu").workers == workers
+    assert options_for_frames(roomy, frames, "cpu").workers == workers
 
 
 @pytest.mark.usefixtures("cores")
 def test_a_gpu_is_used_by_one_process():
-    assert side_by_side(UNSAID, 500, "cuda:0").backend == "threading"
+    assert options_for_frames(UNSAID, 500, "cuda:0").backend == "threading"
 
 
 def test_one_core_processes_one_frame_after_the_other(monkeypatch):
     monkeypatch.setattr(module, "cpu_count", lambda: 1)
-    found = side_by_side(UNSAID, 500, "cpu")
+    found = options_for_frames(UNSAID, 500, "cpu")
     assert (found.backend, found.workers) == ("threading", 1)
 
 
@@ -67,4 +67,4 @@ def test_a_network_that_does_not_load_is_reported_before_any_frame(
     paths = InferPaths(tmp_path, tmp_path / "g.h5", **{model: tmp_path / "w.safetensors"})
     settings = Settings(paths, config, 0, "cpu", timings=False)
     with pytest.raises(SymgraspError, match=r"w\.safetensors"):
-        load(settings, dataclasses.replace(OPTIONS, workers=2, backend=backend))
+        load_in_workers(settings, dataclasses.replace(OPTIONS, workers=2, backend=backend))

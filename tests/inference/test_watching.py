@@ -28,73 +28,74 @@ def names(arrivals):
 
 def test_a_frame_is_whole_once_it_has_not_changed_for_a_while(watcher, tmp_path):
     frame = source(tmp_path)
-    assert watcher.look([frame], 10.0) == []
-    assert watcher.look([frame], 10.9) == []
-    assert names(watcher.look([frame], 11.0)) == ["a"]
+    assert watcher.arrivals([frame], 10.0) == []
+    assert watcher.arrivals([frame], 10.9) == []
+    assert names(watcher.arrivals([frame], 11.0)) == ["a"]
 
 
 def test_a_growing_frame_is_not_whole_yet(watcher, tmp_path):
     for time in range(10):
-        assert watcher.look([source(tmp_path, text="x" * (time + 1))], 0.9 * time) == []
+        assert watcher.arrivals([source(tmp_path, text="x" * (time + 1))], 0.9 * time) == []
     assert watcher.is_waiting()
-    assert names(watcher.look([source(tmp_path, text="x" * 10)], 20.0)) == []  # written anew
-    assert names(watcher.look([FrameSource("a", lambda: None, (tmp_path / "a",))], 21.0)) == ["a"]
+    assert names(watcher.arrivals([source(tmp_path, text="x" * 10)], 20.0)) == []  # written anew
+    again = FrameSource("a", lambda: None, (tmp_path / "a",))
+    assert names(watcher.arrivals([again], 21.0)) == ["a"]
 
 
 def test_a_second_file_counts_as_a_change(watcher, tmp_path):
     color = source(tmp_path)
-    watcher.look([color], 0.0)
+    watcher.arrivals([color], 0.0)
     both = FrameSource("a", lambda: None, (*color.files, *source(tmp_path, "b").files))
-    assert watcher.look([both], 1.0) == []
-    assert names(watcher.look([both], 2.0)) == ["a"]
+    assert watcher.arrivals([both], 1.0) == []
+    assert names(watcher.arrivals([both], 2.0)) == ["a"]
 
 
 def test_a_finished_frame_is_returned_again_only_if_it_changes(watcher, tmp_path):
     frame = source(tmp_path)
-    watcher.look([frame], 0.0)
+    watcher.arrivals([frame], 0.0)
     watcher.finish("a")
-    assert watcher.look([frame], 100.0) == []
+    assert watcher.arrivals([frame], 100.0) == []
     assert not watcher.is_waiting()
     source(tmp_path, text="longer")
-    assert watcher.look([frame], 101.0) == []
-    assert names(watcher.look([frame], 102.0)) == ["a"]
+    assert watcher.arrivals([frame], 101.0) == []
+    assert names(watcher.arrivals([frame], 102.0)) == ["a"]
 
 
 def test_a_postponed_frame_gets_one_last_try(watcher, tmp_path):
     frame = source(tmp_path)
-    watcher.look([frame], 0.0)
-    (first,) = watcher.look([frame], 1.0)
+    watcher.arrivals([frame], 0.0)
+    (first,) = watcher.arrivals([frame], 1.0)
     assert not first.is_last_try
     watcher.put_off("a")
-    assert watcher.look([frame], 4.9) == []
-    (last,) = watcher.look([frame], 5.0)
+    assert watcher.arrivals([frame], 4.9) == []
+    (last,) = watcher.arrivals([frame], 5.0)
     assert last.is_last_try
     assert last.since == 0.0
 
 
 def test_a_postponed_frame_is_returned_soon_if_it_changes(watcher, tmp_path):
     frame = source(tmp_path)
-    watcher.look([frame], 0.0)
+    watcher.arrivals([frame], 0.0)
     watcher.put_off("a")
     source(tmp_path, text="whole")
-    watcher.look([frame], 2.0)
-    (arrival,) = watcher.look([frame], 3.0)
+    watcher.arrivals([frame], 2.0)
+    (arrival,) = watcher.arrivals([frame], 3.0)
     assert not arrival.is_last_try
 
 
 def test_the_frame_unchanged_for_longest_comes_first(watcher, tmp_path):
     late, early = source(tmp_path, "a"), source(tmp_path, "z")
-    watcher.look([early], 0.0)
-    watcher.look([late, early], 0.5)
-    assert names(watcher.look([late, early], 9.0)) == ["z", "a"]
+    watcher.arrivals([early], 0.0)
+    watcher.arrivals([late, early], 0.5)
+    assert names(watcher.arrivals([late, early], 9.0)) == ["z", "a"]
     assert watcher.last_change() == 0.5
 
 
 def test_a_frame_whose_file_disappears_is_dropped(watcher, tmp_path):
     frame = source(tmp_path)
-    watcher.look([frame], 0.0)
+    watcher.arrivals([frame], 0.0)
     frame.files[0].unlink()
-    assert watcher.look([frame], 9.0) == []
+    assert watcher.arrivals([frame], 9.0) == []
     watcher.finish("a")
     assert not watcher.is_waiting()
     assert watcher.last_change() is None
@@ -119,7 +120,7 @@ class Folder:
         os.utime(path.parent, (changed_at, changed_at))
 
     def names(self, now):
-        return [source.name for source in self.lister.look(now)]
+        return [source.name for source in self.lister.frames(now)]
 
 
 def test_a_folder_is_listed_again_only_if_it_changes_or_after_a_while(tmp_path):

@@ -56,6 +56,13 @@ def test_points_are_repeated_only_where_there_are_too_few(predictor, count, dist
     assert set(prediction.index) <= set(range(count))
 
 
+@pytest.mark.parametrize("count", [150, 300])
+def test_the_network_sees_points_in_random_order(predictor, count):
+    (prediction,) = predictor.predict([cloud(count)])
+    order = np.corrcoef(prediction.index, np.arange(len(prediction.index)))[0, 1]
+    assert abs(order) < 0.3
+
+
 class Echo(torch.nn.Module):
     """Predicts the depth of each point as its affordance."""
 

@@ -13,7 +13,7 @@ import pytest
 import pipelines
 from pipelines.errors import SymgraspError
 from pipelines.runtime.batch import BatchOptions
-from pipelines.runtime.one_run import OutputInUseError, held, one_run_at_a_time
+from pipelines.runtime.one_run import OutputInUseError, one_run_at_a_time, output_locked
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="nothing is locked there")
 WRITES_NOTHING = {"doctor", "inspect_frames", "serve"}
@@ -21,9 +21,9 @@ HOLDER = """
 import sys, time
 from pathlib import Path
 from pipelines.ending import end_on_signals
-from pipelines.runtime.one_run import held
+from pipelines.runtime.one_run import output_locked
 end_on_signals()
-with held(Path(sys.argv[1]), "toy"):
+with output_locked(Path(sys.argv[1]), "toy"):
     print("held", flush=True)
     time.sleep(600)
 """
@@ -50,7 +50,10 @@ def test_a_second_run_is_refused_with_the_process_that_holds_the_output(tmp_path
     with pytest.raises(OutputInUseError, match=found) as raised:
         run(tmp_path / "new" / ".." / "new" / "g.h5")
     assert raised.value.exit_code == 1
-    with held(tmp_path / "new" / "g.h5", "another toy"), held(tmp_path / "new" / "h.h5", "toy"):
+    with (
+        output_locked(tmp_path / "new" / "g.h5", "another toy"),
+        output_locked(tmp_path / "new" / "h.h5", "toy"),
+    ):
         pass
 
 
@@ -74,7 +77,7 @@ def test_a_run_that_is_ended_or_killed_holds_no_lock(tmp_path, holder, number):
 
 
 def test_a_lock_leaves_no_file_and_no_folder_where_the_run_wrote_nothing(tmp_path):
-    with held(tmp_path / "a" / "b" / "g.h5", "toy"):
+    with output_locked(tmp_path / "a" / "b" / "g.h5", "toy"):
         assert (tmp_path / "a" / "b" / ".g.h5.toy.lock").exists()
     assert not list(tmp_path.iterdir())
 
@@ -86,7 +89,7 @@ def test_the_output_is_the_first_given_parameter(tmp_path):
 
 def test_an_output_that_cannot_be_locked_is_written_without_a_lock(tmp_path):
     (tmp_path / "file").touch()
-    with held(tmp_path / "file" / "g.h5", "toy"):
+    with output_locked(tmp_path / "file" / "g.h5", "toy"):
         pass
     with pytest.raises(SymgraspError, match="of unknown number"):
         raise OutputInUseError(Path("g.h5"), "toy", {})

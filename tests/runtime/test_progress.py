@@ -10,7 +10,7 @@ import pytest
 from pipelines.errors import WriteError
 from pipelines.runtime import progress
 from pipelines.runtime.batch import BatchOptions, WorkItem, run_batch
-from pipelines.runtime.progress import duration, line, shown
+from pipelines.runtime.progress import duration, progress_line, with_progress
 from pipelines.storage.provenance import make_stamp
 
 
@@ -22,8 +22,8 @@ def test_durations_are_written_in_short_form(seconds, text):
 
 
 def test_a_line_states_the_finished_items_and_the_time_left():
-    assert line("infer", 30, 120, 60.0) == "infer: 30 of 120 done, 3:00 left"
-    assert line("infer", 0, 120, 60.0) == "infer: 0 of 120 done"
+    assert progress_line("infer", 30, 120, 60.0) == "infer: 30 of 120 done, 3:00 left"
+    assert progress_line("infer", 0, 120, 60.0) == "infer: 0 of 120 done"
 
 
 def test_lines_come_while_one_item_takes_long(monkeypatch):
@@ -36,7 +36,7 @@ def test_lines_come_while_one_item_takes_long(monkeypatch):
             time.sleep(0.001)
         yield "b"
 
-    assert list(shown(slow(), "toy", 2, every=0.001)) == ["a", "b"]
+    assert list(with_progress(slow(), "toy", 2, every=0.001)) == ["a", "b"]
     assert stream.getvalue().splitlines()[0].startswith("toy: ")
     assert all(text.startswith("toy: ") for text in stream.getvalue().splitlines())
 

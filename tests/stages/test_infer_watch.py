@@ -60,7 +60,7 @@ class Cell:
         self.frames = folder / "frames"
         self.frames.mkdir()
         self.time, self.events, self.reported = 0.0, [], []
-        self.beside = AtOnce()
+        self.writer = AtOnce()
 
     def at(self, time, action, *arguments):
         self.events.append((time, action, arguments))
@@ -99,7 +99,7 @@ class Cell:
             watch=WatchConfig(timeout=timeout),
             notify=self.report,
             clock=Clock(lambda: self.time, self.wait),
-            beside=self.beside,
+            writer=self.writer,
         )
 
     def infer(self, output):
@@ -259,7 +259,7 @@ class OnDemand(Executor):
 
 
 def test_frames_do_not_wait_for_the_output_unless_they_are_in_it(cell):
-    cell.beside = OnDemand()
+    cell.writer = OnDemand()
     seen = []
     cell.write("a")
     cell.at(5.0, cell.write, "b")
@@ -294,11 +294,11 @@ class Slow(Executor):
 
 
 def test_putting_a_slow_output_together_takes_a_tenth_of_the_time(cell):
-    cell.beside = Slow(cell)
+    cell.writer = Slow(cell)
     for count in range(12):
         cell.at(1.0 + 4.0 * count, lambda name=f"a{count}": cell.write("c", as_name=name))
     cell.follow(timeout=60.0)
-    pauses = [after - before for before, after in pairwise(cell.beside.begun)]
+    pauses = [after - before for before, after in pairwise(cell.writer.begun)]
     assert len(pauses) >= 2
     assert min(pauses) >= 20.0
     assert cell.statuses().keys() == {f"a{count}" for count in range(12)}
@@ -308,8 +308,8 @@ def test_an_output_that_cannot_be_written_raises_an_error(cell, monkeypatch):
     def full(*arguments):
         raise OSError("no space left on device")
 
-    monkeypatch.setattr(infer_watch.Work, "put_together", full)
-    cell.beside = None
+    monkeypatch.setattr(infer_watch.Work, "assemble", full)
+    cell.writer = None
     cell.write("a")
     with pytest.raises(OSError, match="no space left"):
         cell.follow()

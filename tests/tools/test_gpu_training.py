@@ -110,6 +110,15 @@ def test_a_region_in_the_ring_equals_the_one_that_train_draws(objects):
     np.testing.assert_allclose(found.camera[0], camera, atol=1e-5)
 
 
+def test_the_points_of_the_ring_come_in_random_order():
+    ring, row = rendering.RegionRing(1, CPU), [np.zeros((1, *each)) for each in rendering.SHAPES]
+    row[0][0] = np.linspace(0.0, 1.0, rendering.POINTS)[:, None]
+    row[5][0] = np.eye(3)
+    ring.add(row)
+    x = ring.batch(torch.tensor([0]), CONFIG, lost_table=0.0).points[0, :, 0].numpy()
+    assert abs(np.corrcoef(x, np.arange(len(x)))[0, 1]) < 0.3
+
+
 def test_settings_equal_those_of_train():
     config = train.train_config(None, ["network.sees_camera=true", "existence=right"])
     assert config.network.sees_camera

@@ -30,7 +30,7 @@ OWN_SCORE = "own"  # the ranker: scores of the compared method
 FrameMethod = Callable[[Frame, SceneCloud, np.random.Generator], tuple[GraspPoses, Array]]
 
 
-def plans_of_whole(
+def plans_of_frame(
     peer: FrameMethod,
     frame: Frame,
     seen: Observation,

@@ -43,13 +43,13 @@ class PointNetGPDMethod:
         seen = [i for i, cloud in enumerate(clouds) if len(cloud) >= MIN_CLOSED_ON]
         for start in range(0, len(seen), AT_ONCE):
             part = seen[start : start + AT_ONCE]
-            score[part] = self._judged(
+            score[part] = self._probabilities(
                 np.stack([drawn_points(clouds[i], count, rng) for i in part])
             )
         return score
 
     @torch.inference_mode()
-    def _judged(self, clouds: Singles) -> Array:
+    def _probabilities(self, clouds: Singles) -> Array:
         """Return the scores (k,) of `clouds` (k, n, 3)."""
         probability = self.network(torch.from_numpy(clouds).to(self.device)).exp().cpu().numpy()
         return np.asarray(probability[:, 2] + FAIR_WEIGHT * probability[:, 1], np.float64)

@@ -17,7 +17,8 @@ from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.feasibility.feasibility import Feasibility, with_opening_margin
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
-from pipelines.grasping.planner import MIN_POINTS, RegionModel, RegionPlanner
+from pipelines.grasping.passes import RegionModel
+from pipelines.grasping.planner import MIN_POINTS, RegionPlanner
 from pipelines.grasping.ranking.grasp_features import GraspFeatures
 from pipelines.grasping.scene import SceneCloud
 from pipelines.grasping.symmetries.grounding import (

@@ -88,6 +88,7 @@ def draw_points(
 ) -> tuple[Singles, ...]:
     """Return some of a region's points, centred, in the network's axes, and their labels.
 
+    The points are in random order, which `SetAbstraction` assumes.
     `lost_table`: probability that the table is treated as unknown.
     """
     available, count = len(region.points), network.num_points

@@ -46,7 +46,7 @@ from pipelines.learning.speed.processes import Processes
 from pipelines.learning.speed.shares import cut, generator
 from pipelines.learning.speed.weight_average import WeightAverage
 from pipelines.runtime.batch import StageReport
-from pipelines.runtime.stopping import Reason, StopSignals, TrainingStopped
+from pipelines.runtime.stopping import StopReason, StopSignals, TrainingStopped
 from pipelines.storage.provenance import Stamp
 
 if TYPE_CHECKING:
@@ -109,8 +109,8 @@ class TrainingRun:
         self._steps_before = self.progress.total_steps
         self._began = self.keeper.saved = self._logged = time.monotonic()
         with ExitStack() as stack:
-            stack.enter_context(self.signals.heeded(patient=self.processes.count > 1))
-            with self.signals.at_once():  # before the first step nothing is lost
+            stack.enter_context(self.signals.recorded(expects_repeats=self.processes.count > 1))
+            with self.signals.ending_at_once():  # before the first step nothing is lost
                 self.writer = self._open_writer(stack)
             self.display = stack.enter_context(self._make_display())
             stack.enter_context(intra_op_threads(self.request.threads))
@@ -123,7 +123,7 @@ class TrainingRun:
             self.keeper.finish(self.progress)
         if self.progress.finished or not is_saved:
             self._save_checkpoint()
-        if reason > Reason.TIME_LIMIT and not self.progress.finished:
+        if reason > StopReason.TIME_LIMIT and not self.progress.finished:
             raise TrainingStopped(
                 reason,
                 f"after {self.progress.total_steps} steps; "
@@ -151,7 +151,7 @@ class TrainingRun:
         threads = self.request.threads if self.trainee.parallel else 1
         return GradientWorkers(self.trainee, threads, self.processes, self._stop_alone())
 
-    def _run_epoch(self, workers: GradientWorkers) -> Reason:
+    def _run_epoch(self, workers: GradientWorkers) -> StopReason:
         """Take the remaining steps of an epoch and save; return the reason to stop, if any."""
         epoch, seed = self.progress.epoch, self.request.seed
         batches = self.trainee.epoch(epoch, generator(seed, epoch))
@@ -164,7 +164,7 @@ class TrainingRun:
             pieces = cut(batches[step], self.trainee.micro_batch_size, self.processes)
             return [(piece, piece.load(self.trainee, seed, epoch, step)) for piece in pieces]
 
-        reason = Reason.NONE
+        reason = StopReason.NONE
         loaded = load_ahead(load, remaining, self.request.loaders, self._stop_alone())
         for step, pieces in zip(remaining, loaded, strict=False):  # fewer if the run stops
             self._set_learning_rate(epoch + step / len(batches))
@@ -182,7 +182,7 @@ class TrainingRun:
             reason = self._why_stop()
         self._save_checkpoint()
         whole_epoch = self.progress.step >= len(batches)
-        if reason <= Reason.TIME_LIMIT and (whole_epoch or reason is Reason.TIME_LIMIT):
+        if reason <= StopReason.TIME_LIMIT and (whole_epoch or reason is StopReason.TIME_LIMIT):
             self._validate(whole_epoch=whole_epoch)
             self._save_checkpoint()
         return reason
@@ -245,7 +245,7 @@ class TrainingRun:
 
     def _judged(self) -> tuple[dict[str, float], dict[str, torch.Tensor]]:
         """Return the figures of the mean weights, and the mean weights at this step."""
-        with self.signals.at_once(), self.average.applied():
+        with self.signals.ending_at_once(), self.average.applied():
             self.module.eval()
             figures = self.trainee.validate()
             self.module.train()
@@ -281,11 +281,11 @@ class TrainingRun:
     def _stop_alone(self) -> Callable[[], bool]:
         """Return the test whether to stop in mid-step, never true with several processes."""
         alone = self.processes.count == 1
-        return lambda: alone and self.signals.reason is not Reason.NONE
+        return lambda: alone and self.signals.reason is not StopReason.NONE
 
-    def _why_stop(self) -> Reason:
+    def _why_stop(self) -> StopReason:
         """Return the reason to stop, equal in all processes."""
         limit, own = self.request.max_seconds, self.signals.reason
         if limit is not None and self._elapsed() > limit:
-            own = max(own, Reason.TIME_LIMIT)
-        return Reason(self.processes.most(own))
+            own = max(own, StopReason.TIME_LIMIT)
+        return StopReason(self.processes.most(own))

@@ -9,7 +9,8 @@ from pipelines.configs import SelectionConfig
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.candidates import planar
 from pipelines.grasping.feasibility.feasibility import Feasibility
-from pipelines.grasping.planner import RegionModel, RegionPlanner, planar_pass
+from pipelines.grasping.passes import RegionModel, planar_pass
+from pipelines.grasping.planner import RegionPlanner
 from pipelines.grasping.scene import RegionCloud
 from tests.geometry.tabletops import Box, Can, render
 from tests.grasping.seen_regions import scene_of, seen

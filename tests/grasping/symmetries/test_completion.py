@@ -8,7 +8,8 @@ from pipelines.configs import SelectionConfig
 from pipelines.geometry.symmetry import RotationSymmetry
 from pipelines.geometry.transforms import invert, rotate_vectors, transform_points
 from pipelines.grasp_files.gripper_files import load_gripper
-from pipelines.grasping.planner import RegionModel, RegionPlanner
+from pipelines.grasping.passes import RegionModel
+from pipelines.grasping.planner import RegionPlanner
 from pipelines.grasping.scene import RegionCloud
 from pipelines.grasping.symmetries.completion import Completion, completions, hidden_points
 from tests.geometry.tabletops import Can, looking_at_table, render

@@ -97,6 +97,15 @@ def test_points_and_labels_are_turned_to_the_table_together(reader, known):
     assert camera[5] == 0.0
 
 
+@pytest.mark.parametrize("count", [50, 120, 300])
+def test_points_are_drawn_in_random_order(reader, count):
+    line = np.linspace(0.0, 1.0, len(reader[0].points), dtype=np.float32)
+    region = dataclasses.replace(reader[0], points=np.column_stack([line] * 3))
+    settings = NetworkConfig(num_points=count, input_frame="camera")
+    points = draw_points(region, settings, np.random.default_rng(0))[0]
+    assert abs(np.corrcoef(points[:, 0], np.arange(count))[0, 1]) < 0.3
+
+
 def test_a_share_of_the_tables_is_dropped(reader):
     plane = Plane(unit(np.array([0.2, -0.6, -0.7])), 0.6)
     region = dataclasses.replace(reader[0], table=table_row(plane))

@@ -36,7 +36,7 @@ from pipelines.learning.loop.runs import (
 from pipelines.learning.speed.gradients import GradientWorkers
 from pipelines.learning.speed.processes import Processes
 from pipelines.learning.speed.shares import cut, generator
-from pipelines.runtime.stopping import Reason, StopSignals, TrainingStopped
+from pipelines.runtime.stopping import StopReason, StopSignals, TrainingStopped
 from pipelines.storage.checkpoints import load_weights
 from pipelines.storage.provenance import make_stamp
 
@@ -106,7 +106,9 @@ def trained(output, config=CONFIG, request=REQUEST, resume=False, trainee=None):
 
 def stop_after(run, steps):
     """Let `run` reach its time limit after `steps` steps."""
-    run._why_stop = lambda: Reason.TIME_LIMIT if run.progress.total_steps >= steps else Reason.NONE
+    run._why_stop = lambda: (
+        StopReason.TIME_LIMIT if run.progress.total_steps >= steps else StopReason.NONE
+    )
 
 
 def assert_same(first, second):
@@ -313,12 +315,12 @@ def interruptible():
 @pytest.mark.usefixtures("interruptible")
 def test_a_second_interrupt_does_not_wait():
     signals = StopSignals()
-    with signals.heeded(patient=False):
+    with signals.recorded(expects_repeats=False):
         os.kill(os.getpid(), signal.SIGINT)
-        assert signals.reason is Reason.SIGINT
+        assert signals.reason is StopReason.SIGINT
         with pytest.raises(KeyboardInterrupt):
             os.kill(os.getpid(), signal.SIGINT)
-    with signals.heeded(patient=True):
+    with signals.recorded(expects_repeats=True):
         os.kill(os.getpid(), signal.SIGINT)
 
 

@@ -16,7 +16,7 @@ from symgrasp_cli.settings import named_as, with_settings
     "finetune-detector",
     {
         **named_as("detector.variant", "detector.input"),
-        **named_as("epochs", "batch_size", "learning_rate", "decay_epochs"),
+        **named_as("frame_stride", "epochs", "batch_size", "learning_rate", "decay_epochs"),
         "--micro-batch": "micro_batch_size",
     },
 )

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.ablation_steps import BATCH, Ablations, Budget, Step, epochs
 from benchmarks.ablation_table import (
     ABLATIONS,
     COLUMNS,
@@ -17,18 +18,7 @@ from benchmarks.ablation_table import (
     rows_named,
     summary,
 )
-from benchmarks.ablations import (
-    BATCH,
-    Ablations,
-    Budget,
-    Step,
-    epochs,
-    main,
-    make_table,
-    parsed,
-    perform,
-    run_symgrasp,
-)
+from benchmarks.ablations import main, make_table, parsed, perform, run_symgrasp
 from pipelines.errors import SymgraspError
 from pipelines.evaluation.reports import read_table
 from tests.docs.test_formats_document import block, keys_of

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from typer.testing import CliRunner
 
 from pipelines import finetune_detector
 from pipelines.configs import DetectorConfig, FinetuneDetectorConfig
@@ -26,6 +27,7 @@ from pipelines.storage import provenance
 from pipelines.storage.checkpoints import load_weights
 from pipelines.storage.h5_files import open_h5
 from pipelines.storage.provenance import make_stamp
+from symgrasp_cli.app import app
 from tests.learning.stopped import stopped_after
 from tests.stages.toy_root import write_root
 
@@ -100,6 +102,19 @@ def test_a_resumed_training_equals_one_that_never_stopped(root, output, tmp_path
     report = finetune_detector.run([root.root], path, CONFIG, resumed, split=None, options=QUIET)
     assert report.done
     assert path.read_bytes() == output.read_bytes()
+
+
+def test_the_stride_of_the_frames_is_an_option_and_cannot_change_on_resume(root, tmp_path):
+    path = tmp_path / "detector.safetensors"
+    call = ["finetune-detector", str(root.root), "--out", str(path), "--split", "all"]
+    call += ["--frame-stride", "2", "--max-seconds", "0", "--device", "cpu", "--workers", "1"]
+    call += [f"--set=detector.{each}" for each in ("min_size=96", "max_size=128")]
+    assert CliRunner().invoke(app, call).exit_code == 0
+    files = sorted(finetune_detector.frames_folder(path, root.root).glob("*.h5"))
+    assert [detector_frames.count_frames(file) for file in files] == [1, 1]
+    result = CliRunner().invoke(app, [*call, "--resume", "--frame-stride", "1"])
+    assert result.exit_code == 1
+    assert "was made with another config" in result.output
 
 
 def test_a_scene_with_new_frames_is_prepared_again(tmp_path):

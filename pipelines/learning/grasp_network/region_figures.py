@@ -2,15 +2,17 @@
 
 from collections import defaultdict
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from pipelines.configs import EvaluateConfig
 from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
+from pipelines.geometry.symmetry_votes import mean_slots
 from pipelines.network.dense_error import reflection_errors, reflection_extent
-from pipelines.network.losses import symmetry_weights
 from pipelines.network.matching import NUM_REFLECTIONS, match_reflections
 from pipelines.network.model import Prediction
+from pipelines.network.predictor import VOTING_STRIDE
 from pipelines.network.regions import RegionBatch
 
 GRASPABLE = 0.5  # least affordance of a grasped point (Sec. III-E)
@@ -27,12 +29,11 @@ class RegionFigures:
 
     @torch.no_grad()
     def add(self, prediction: Prediction, truth: RegionBatch) -> None:
-        """Add the predictions for all points of one batch."""
+        """Add the predictions for all points of one batch, averaged as `infer` averages them."""
         points = truth.points[:, :: max(1, truth.points.shape[1] // NUM_FIGURE_POINTS)]
-        parts, weight = self._parts, symmetry_weights(prediction.affordance)
-        directions, centers = prediction.direction[:, :, :3], prediction.center[:, :, :3]
-        truth = match_reflections(truth, points, directions, centers, weight)
-        existence, means, lines = average_symmetries(prediction, weight)
+        parts, (existence, means, lines) = self._parts, mean_symmetries(prediction)
+        normals, places = lines[:, None, :NUM_REFLECTIONS], means[:, None, :NUM_REFLECTIONS]
+        truth = match_reflections(truth, points, normals, places, means.new_ones(len(means), 1))
         parts["affordance"].append(prediction.affordance.flatten())
         parts["true_affordance"].append(truth.affordance.flatten())
         parts["right"].append((existence > 0.5) == (truth.existence > 0.5))
@@ -98,34 +99,16 @@ def area_under_roc(
     return surplus / (positives * negatives)
 
 
-@torch.no_grad()
-def average_symmetries(
-    prediction: Prediction,
-    weight: Tensor,  # (B, Q)
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Return mean existence (B, 5) as probabilities, centre (B, 5, 3) and unit direction (B, 5, 3).
+def mean_symmetries(prediction: Prediction) -> tuple[Tensor, Tensor, Tensor]:
+    """Return existence (B, 5), points (B, 5, 3) and directions (B, 5, 3), averaged as by `infer`.
 
-    The means are over the Q points by `weight`, with rows that sum to one; frame and unit are the
-    prediction's.
-
-    n and -n are one plane, so the mean direction is the leading eigenvector of the sum of the
-    directions' outer products. Centres are weighted medians, coordinate by coordinate; `infer`
-    weights no point and takes plain means of centres (`mean_slots`, D. 4).
+    Existence is a probability; frame and unit are the prediction's; a sphere's direction is nan.
     """
-    existence = (torch.sigmoid(prediction.existence) * weight[..., None]).sum(1)
-    weighted = prediction.direction * weight[..., None, None]
-    outer = torch.einsum("bqki,bqkj->bkij", weighted, prediction.direction)
-    direction = torch.linalg.eigh(outer).eigenvectors[..., -1]
-    return existence, weighted_median(prediction.center, weight), direction
-
-
-def weighted_median(
-    values: Tensor,  # (B, Q, K, 3)
-    weight: Tensor,  # (B, Q)
-) -> Tensor:
-    """Return the value (B, K, 3) at which half of the weight is reached."""
-    ordered, order = values.sort(dim=1)
-    spread = weight[:, :, None, None].expand_as(values).gather(1, order)
-    half = 0.5 * weight.sum(1)[:, None, None, None]
-    at = (spread.cumsum(1) < half).sum(1, keepdim=True).clamp(max=values.shape[1] - 1)
-    return ordered.gather(1, at)[:, 0]
+    columns = torch.sigmoid(prediction.existence), prediction.center, prediction.direction
+    votes = zip(*(each[:, ::VOTING_STRIDE].cpu().numpy() for each in columns), strict=True)
+    regions = [mean_slots(*each) for each in votes]
+    means = zip(*((r.existence, r.point, r.direction) for r in regions), strict=True)
+    existence, point, direction = (
+        torch.from_numpy(np.stack(each)).to(prediction.center) for each in means
+    )
+    return existence, point, direction

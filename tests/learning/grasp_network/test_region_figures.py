@@ -2,11 +2,21 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
+from numpy.testing import assert_allclose
 
-from pipelines.learning.grasp_network.region_figures import RegionFigures, area_under_roc
-from pipelines.network.model import Prediction
+from pipelines.configs import NetworkConfig
+from pipelines.grasping.scene import RegionCloud
+from pipelines.inference.predicted_regions import predicted_regions
+from pipelines.learning.grasp_network.region_figures import (
+    RegionFigures,
+    area_under_roc,
+    mean_symmetries,
+)
+from pipelines.network.model import Prediction, SymmetryGraspNet
+from pipelines.network.predictor import GraspPredictor
 from tests.network.test_losses import perfect_prediction
 from tests.network.toy_regions import toy_batch
 
@@ -30,6 +40,35 @@ def test_a_plane_far_off_counts_as_not_found():
     center[:, :, 0] += 0.2 * truth.direction[:, None, 0]
     figures.add(replace(perfect, center=center), truth)
     assert figures.figures()["planes_found"] == pytest.approx(2 / 3)
+
+
+def test_the_figures_are_of_the_symmetries_that_infer_proposes():
+    torch.manual_seed(0)
+    config = NetworkConfig(
+        input_frame="camera", num_points=200, set_points=(64, 32, 16, 4), set_neighbors=(8,) * 4
+    )
+    predictor = GraspPredictor(SymmetryGraspNet(config).eval(), config, torch.device("cpu"))
+    points = np.random.default_rng(0).normal((0.1, -0.2, 0.7), (0.02, 0.03, 0.05), (300, 3))
+    cloud = RegionCloud(points, np.ones_like(points), np.ones((1, 1), np.bool_))
+    (region,) = predicted_regions([cloud], None, predictor)
+    middle = region.cloud.points.mean(0)
+    centred = torch.from_numpy(region.cloud.points - middle).float()[None]
+    with torch.no_grad():  # at all points, as in the training
+        means = mean_symmetries(predictor.network(centred))
+    existence, point, direction = (each[0].numpy() for each in means)
+    assert_allclose(existence, region.slots.existence, atol=1e-5)
+    assert_allclose(point + middle, region.slots.point, atol=1e-5)
+    assert_allclose(direction, region.slots.direction, atol=1e-4)
+
+
+def test_the_figures_do_not_weigh_a_point_by_its_affordance():
+    truth, figures = toy_batch(3, 60), RegionFigures()  # the last one is a ball
+    perfect = perfect_prediction(truth)
+    affordance, center = torch.zeros_like(perfect.affordance), perfect.center.clone()
+    affordance[:, ::2] = 1.0
+    center[:, ::2, :, 0] += 0.01
+    figures.add(replace(perfect, affordance=affordance, center=center), truth)
+    assert figures.figures()["sphere_offset_m"] == pytest.approx(0.005)
 
 
 def test_the_area_counts_how_often_a_positive_is_above_a_negative():

@@ -4,6 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pipelines.geometry.symmetry_votes import mean_slots
 from pipelines.geometry.transforms import (
     make_pose,
     random_rotation,
@@ -11,7 +12,6 @@ from pipelines.geometry.transforms import (
     transform_points,
     unit,
 )
-from pipelines.inference.predicted_regions import mean_slots
 
 seeds = st.integers(0, 2**31)
 

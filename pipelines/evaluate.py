@@ -67,7 +67,8 @@ def run(
     """
     runs = ComparedRuns.of(grasps, others, dataset)
     config = replace(config, gripper=runs.gripper(config.gripper))
-    settings = {**asdict(config), "baselines": baselines}
+    depth = load_gripper(config.gripper).graspnet_depth
+    settings = {**asdict(config), "baselines": baselines, "graspnet_depth": round(depth, 9)}
     inputs = runs.inputs(config.gripper, baselines=baselines)
     stamp = make_stamp("evaluate", settings, seed=seed, inputs=inputs)
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another report

@@ -50,7 +50,6 @@ from pipelines.grasp_files.exports.grasp_exports import (
 )
 from pipelines.grasp_files.grasps_stream import GraspsIndex, read_index, read_results
 from pipelines.grasp_files.gripper_files import gripper_digest, gripper_to_use, load_gripper
-from pipelines.grasping.grasps import GRASPNET_DEPTH
 from pipelines.runtime.batch import StageReport
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import atomic_folder
@@ -142,7 +141,7 @@ def _gripper(index: GraspsIndex, name_or_path: str, config: ExportConfig) -> Exp
     model = load_gripper(name_or_path)
     behind = model.base_to_contacts
     if config.to == "graspnet":  # the origin of its poses is no gripper's base
-        behind = GRASPNET_DEPTH - model.tip_reach
+        behind = model.graspnet_depth - model.tip_reach
     elif config.to == "contact-graspnet" and not config.gripper:  # it has its own gripper
         behind = contact_graspnet_predictions.BASE_TO_CONTACTS
     checked = mapping_in(index.stamp, "inputs").get("gripper")  # old files lack it

@@ -157,7 +157,13 @@ class RankingConfig:
         pi / 6, "rad", "Angle below which grasps of a region are alike, as in GraspNet.", "D. 78"
     )
     sufficient: float = fraction(
-        0.6, "Expected quality from which no other kind of grasp is tried.", "D. 82"
+        0.6, "Expected quality from which no better kind of grasp is sought.", "D. 82"
+    )
+    alternatives: int = count(
+        20,
+        "Grasps of a region below which other kinds of grasps are added, ranked after the best.",
+        "D. 146",
+        low=0,
     )
 
     @property

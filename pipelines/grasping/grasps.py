@@ -29,7 +29,6 @@ from pipelines.geometry.transforms import (
 Index = NDArray[np.bool_] | NDArray[np.integer] | slice
 
 GRASPNET_HEIGHT = 0.02  # metres; a column that graspnetAPI ignores
-GRASPNET_DEPTH = 0.02  # metres from GraspNet's origin to the finger tips
 ROTATION_TOLERANCE = 1e-4
 PARALLEL = 1e-6  # sine below which an approach is parallel to the contact line
 # The x, y, z of a gripper's base as columns in the grasp frame; both have z = approach.
@@ -169,18 +168,18 @@ def to_graspnet(
     grasps: GraspPoses,
     rank: ArrayLike,
     *,
+    depth: float,
     opening: ArrayLike | None = None,
     tip_reach: float = 0.005,
-    depth: float = GRASPNET_DEPTH,
 ) -> Array:
     """Return graspnetAPI's rows (n, 17).
 
     Args:
         grasps: in the camera frame.
         rank: (n,) confidence, higher is better, the first column in GraspNet.
+        depth: metres from GraspNet's origin to the finger tips.
         opening: (n,) metres between the open fingers; the contact width if None.
         tip_reach: metres by which the finger tips pass the contact line along approach.
-        depth: metres from GraspNet's origin to the finger tips.
     """
     rows = np.zeros((len(grasps), 17))
     rows[:, 0] = rank

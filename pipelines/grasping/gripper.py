@@ -9,6 +9,9 @@ from numpy.typing import ArrayLike
 from pipelines.array_types import Array
 from pipelines.errors import ValueRangeError
 
+GRASPNET_BACK = 0.02  # metres from the origin of GraspNet's hand back to the end of its fingers
+GRASPNET_DEPTHS = 0.01, 0.04  # metres from that origin to the finger tips: least, most
+
 
 @dataclass(frozen=True)
 class Gripper:
@@ -56,6 +59,11 @@ class Gripper:
     def max_width(self) -> float:
         """Widest distance of contacts that the open fingers pass with their clearance."""
         return self.max_opening - 2.0 * self.clearance
+
+    @property
+    def graspnet_depth(self) -> float:
+        """Depth of GraspNet's hand, from origin to finger tips, with fingers as long as these."""
+        return float(np.clip(self.finger_length - GRASPNET_BACK, *GRASPNET_DEPTHS))
 
     @property
     def base_to_contacts(self) -> float:

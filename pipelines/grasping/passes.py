@@ -56,7 +56,8 @@ class Pass:
 
     Attributes:
         candidates: the contact pairs of a region.
-        unless_expected: skip the pass if grasps with this score are found already.
+        unless_expected: if grasps with this score are found already, the pass adds alternatives
+            only.
         keeps_off_own_side: whether the region's own unseen side is an obstacle.
     """
 

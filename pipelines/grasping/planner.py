@@ -59,9 +59,9 @@ class RegionPlanner:
     def passes(self) -> tuple[Pass, ...]:
         """Return the passes over a region with known symmetries.
 
-        The critic's scores are expectations: if symmetric grasps have low scores, planar grasps
-        are added (D. 82), then grasps across doubtful symmetries (D. 88). With Eq. 8, planar
-        grasps are used only if no other grasp is feasible.
+        The critic's scores are expectations: if symmetric grasps have low scores, or are few,
+        planar grasps are added (D. 82, D. 146), then grasps across doubtful symmetries (D. 88).
+        With Eq. 8, planar grasps are used only if no other grasp is feasible.
         """
         symmetry, sufficient = self.config.symmetry, self.config.ranking.sufficient
         passes = symmetric_pass(symmetry.least_confidence), planar_pass(sufficient)
@@ -97,12 +97,18 @@ class RegionPlanner:
         known: KnownRegion,
     ) -> RankedGrasps:
         found = RankedGrasps.empty()
+        enough = 0 if self.critic is None else self.config.ranking.alternatives
         for each in passes:
-            if self._expected(found) >= each.unless_expected:
+            suffices = self._expected(found) >= each.unless_expected
+            if suffices and len(found) >= enough:
                 continue
             checks = attempt.checks_of(each)
             candidates = each.candidates(region, checks, self.config.candidates)
-            found = self._merged(found, self._select(candidates, checks, known))
+            more = self._select(candidates, checks, known)
+            if suffices:  # alternatives: the best grasp stays the best
+                best = found.rank_score[0]
+                more = replace(more, rank_score=np.minimum(more.rank_score, best))
+            found = self._merged(found, more)
         return found
 
     def _expected(self, found: RankedGrasps) -> float:

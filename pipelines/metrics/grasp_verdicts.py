@@ -59,8 +59,8 @@ class TrueScene:
     def accuracy(self, grasps: GraspPoses, score: Array, gripper: Gripper) -> Array:
         """Return the accuracy (50, 6) of a frame's `grasps` by GraspNet's protocol, exactly.
 
-        `grasps`: n, camera frame. `score`: (n,) higher is better. The openings of `gripper` are
-        limited to `GRASPNET_WIDTH`.
+        `grasps`: n, camera frame. `score`: (n,) higher is better. GraspNet's hand has fingers as
+        long as those of `gripper`; its openings are limited to `GRASPNET_WIDTH`.
         """
         solids = [self.objects[each].solid for each in self.poses]
         scene = ExactScene(
@@ -69,6 +69,7 @@ class TrueScene:
         rows = to_graspnet(
             grasps,
             score,
+            depth=gripper.graspnet_depth,
             opening=np.minimum(gripper.opening(grasps.width), GRASPNET_WIDTH),
             tip_reach=gripper.tip_reach,
         )

@@ -24,6 +24,14 @@ def test_the_fingers_leave_the_opening_free_and_reach_past_the_contacts():
     assert_allclose(palm[1, 0], left[0, 0])
 
 
+@pytest.mark.parametrize(
+    ("length", "depth"), [(0.05, 0.03), (0.035, 0.015), (0.02, 0.01), (0.1, 0.04)]
+)
+def test_graspnets_hand_has_fingers_as_long_within_its_depths(length, depth):
+    gripper = replace(load_gripper("rg2"), finger_length=length)
+    assert_allclose(gripper.graspnet_depth, depth)
+
+
 def test_boxes_are_vectorised_over_widths():
     gripper = load_gripper("rg2")
     widths = np.array([0.01, 0.05, 0.09])

@@ -40,7 +40,7 @@ def test_the_conventions_are_a_quarter_turn_apart():
 @given(seeds)
 def test_graspnets_rows_and_grippers_give_the_same_contacts(seed):
     grasps = random_grasps(np.random.default_rng(seed))
-    back = from_graspnet(to_graspnet(grasps, 1.0, tip_reach=0.004), tip_reach=0.004)
+    back = from_graspnet(to_graspnet(grasps, 1.0, tip_reach=0.004, depth=0.02), tip_reach=0.004)
     poses = gripper_poses(back, 0.1034, CLOSING_ALONG_X)
     middle = poses[:, :3, 3] + 0.1034 * poses[:, :3, 2]
     half = 0.5 * back.width[:, None] * poses[:, :3, 0]

@@ -209,7 +209,8 @@ def test_the_critic_decides_on_the_plane_of_the_best_grasp():
 
 def test_planar_grasps_join_where_symmetric_grasps_score_low():
     pose, scene, region = seen([Box((0.06, 0.09, 0.1))])
-    planes, config = box_planes(pose, 0.1), changed(ranking={"sufficient": 0.5})
+    planes = box_planes(pose, 0.1)
+    config = changed(ranking={"sufficient": 0.5, "alternatives": 0})
     sure = symmetric(region, scene, planes, config, Expecting(pose[:3, 1]))
     assert set(sure.source) == {"network"}
     unsure = symmetric(region, scene, planes, config, Expecting(pose[:3, 1], most=0.4))
@@ -220,11 +221,45 @@ def test_planar_grasps_join_where_symmetric_grasps_score_low():
     assert not np.triu(near, 1).any()
 
 
+def test_other_kinds_of_grasps_fill_a_short_list_after_the_best():
+    pose, scene, region = seen([Box((0.06, 0.09, 0.1))])
+    planes, across = box_planes(pose, 0.1), Expecting(pose[:3, :2] @ [0.8, 0.5])
+    planes.existence[0] = 0.0  # planar grasps across x score higher than symmetric ones across y
+    alone, filled = (
+        symmetric(
+            region,
+            scene,
+            planes,
+            changed(ranking={"sufficient": 0.0, "alternatives": most}),
+            across,
+        )
+        for most in (0, 20)
+    )
+    assert 0 < len(alone) < 20
+    assert set(alone.source) == {"network"}
+    assert "planar" in filled.source
+    np.testing.assert_array_equal(filled.grasps.translation[0], alone.grasps.translation[0])
+    np.testing.assert_allclose(filled.rank_score[:2], alone.rank_score[0])
+    assert (np.diff(filled.rank_score) <= 1e-6).all()
+    assert not np.triu(are_near(filled.grasps, RANKING.nms_distance, RANKING.nms_angle), 1).any()
+
+
+def test_a_long_list_is_not_filled():
+    pose, scene, region = seen([Box((0.06, 0.09, 0.1))])
+    planes, across = box_planes(pose, 0.1), Expecting(pose[:3, 0])
+    ranking = {"sufficient": 0.0, "alternatives": 0}
+    alone = symmetric(region, scene, planes, changed(ranking=ranking), across)
+    ranking["alternatives"] = len(alone)
+    same = symmetric(region, scene, planes, changed(ranking=ranking), across)
+    np.testing.assert_array_equal(same.rank_score, alone.rank_score)
+
+
 def test_doubtful_planes_are_tried_where_all_other_grasps_score_low():
     pose, scene, region = seen([Box((0.06, 0.09, 0.1))])
     planes, bounds = box_planes(pose, 0.1), CONFIG.symmetry
     planes.existence[1] = bounds.min_confidence / 2  # across the pose's y
-    sure = symmetric(region, scene, planes, critic=Expecting(pose[:3, 0]))
+    alone = changed(ranking={"alternatives": 0})
+    sure = symmetric(region, scene, planes, alone, Expecting(pose[:3, 0]))
     assert len(sure)
     assert 1 not in sure.slot
     unsure = symmetric(region, scene, planes, critic=Expecting(pose[:3, 1]))

@@ -79,6 +79,14 @@ def test_a_grasp_of_air_has_no_contact():
     assert (verdict.reason, verdict.quality, verdict.min_friction) == ("no contact", 0.0, np.inf)
 
 
+@pytest.mark.parametrize(("length", "accuracy"), [(0.05, 1.0), (0.04, 0.0)])
+def test_graspnets_hand_reaches_around_an_object_as_deep_as_the_fingers_allow(length, accuracy):
+    # The contacts are 4 cm below the top; fingers of 4 cm, 5 mm past the contacts, meet it.
+    low = GraspPoses(DOWN[None], np.array([[0.0, 0.0, 0.06]]), np.array([0.04]))
+    found = scene(FREE).accuracy(low, np.ones(1), replace(gripper(), finger_length=length))
+    np.testing.assert_array_equal(found[0], accuracy)
+
+
 def test_grasps_judged_together_have_the_same_qualities_as_alone():
     among = scene(
         (0.0, 0.06, 0.08), make_pose(random_rotation(np.random.default_rng(3)), np.ones(3))

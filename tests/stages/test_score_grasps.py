@@ -72,7 +72,9 @@ def test_a_tilted_grasp_across_two_faces_needs_the_tangent_of_its_tilt(mesh_path
 
 
 def test_the_compatible_mode_differs_only_by_missed_contacts_and_edges(mesh_path):
-    rows = to_graspnet(random_grasps(np.random.default_rng(0), 500, 0.005), 1.0, tip_reach=0.0)
+    rows = to_graspnet(
+        random_grasps(np.random.default_rng(0), 500, 0.005), 1.0, tip_reach=0.0, depth=0.02
+    )
     rows[:, 1] = 0.09
     exact = run(mesh_path, rows)[1]
     theirs = run(mesh_path, rows, compatible=True, overwrite=True)[1]
@@ -115,7 +117,7 @@ def test_moving_grasps_and_mesh_together_changes_no_verdict_of_the_exact_mode(se
     mesh, grasps = box(*SIDES), random_grasps(rng, 60, 0.015)
     opened = GraspPoses(grasps.rotation, grasps.translation, rng.uniform(0.05, 0.1, 60))
     here, there = (
-        score_grasps.score(m, to_graspnet(g, 1.0, tip_reach=0.0), ScoreGraspsConfig())
+        score_grasps.score(m, to_graspnet(g, 1.0, tip_reach=0.0, depth=0.02), ScoreGraspsConfig())
         for m, g in ((mesh, opened), (moved(mesh, T), opened.transformed(T)))
     )
     np.testing.assert_array_equal(there["found"], here["found"])
@@ -135,7 +137,7 @@ def transform_all(T: np.ndarray, points: np.ndarray) -> np.ndarray:
 @settings(max_examples=8, deadline=None)
 def test_a_finer_friction_grid_lies_between_the_exact_friction_and_a_coarser_one(seed):
     rng = np.random.default_rng(seed)
-    rows = to_graspnet(random_grasps(rng, 60, 0.01), 1.0, tip_reach=0.0)
+    rows = to_graspnet(random_grasps(rng, 60, 0.01), 1.0, tip_reach=0.0, depth=0.02)
     rows[:, 1] = 0.09
     coarse = ScoreGraspsConfig().friction_grid
     fine = tuple(sorted({*coarse, *rng.uniform(0.05, 1.2, 7).tolist()}))
@@ -184,7 +186,7 @@ def test_a_mesh_with_holes_is_scored_with_a_note(mesh_path):
 
 def test_a_rotation_rounded_to_half_precision_is_a_rotation(mesh_path):
     grasps = random_grasps(np.random.default_rng(0), 50, 0.02)
-    rows = to_graspnet(grasps, 1.0, tip_reach=0.0)
+    rows = to_graspnet(grasps, 1.0, tip_reach=0.0, depth=0.02)
     rows[:, 4:13] = rows[:, 4:13].astype(np.float16)
     assert run(mesh_path, rows)[0].exit_code == 0
 

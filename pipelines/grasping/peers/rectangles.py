@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from pipelines.array_types import Array, Indices, Mask
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import cross, unit
-from pipelines.grasping.grasps import GRASPNET_DEPTH, GraspPoses
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 
 MIN_WIDTH = 0.001  # metres, least distance of contacts
 MAX_TURN, LEAST_SHARED = np.radians(30.0), 0.25  # limits of a correct rectangle
+TIPS_BELOW = 0.02  # metres from the measured surface down to the finger tips
 MIN_LINE = 1e-6  # metres; a shorter line has no direction
 
 
@@ -141,7 +142,7 @@ def rectangle_grasps(
     closing = unit(line)
     approach = np.broadcast_to([0.0, 0.0, 1.0], closing.shape)
     rotation = np.stack([approach, closing, cross(approach, closing)], axis=-1)
-    forward = (GRASPNET_DEPTH - gripper.tip_reach) * approach
+    forward = (TIPS_BELOW - gripper.tip_reach) * approach
     return GraspPoses(rotation, origin + forward, contact_width(2.0 * length, gripper)), index
 
 

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from pipelines.array_types import Array, Mask
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.grasping.grasps import GraspPoses
-from pipelines.grasping.gripper import Gripper
+from pipelines.grasping.gripper import GRASPNET_BACK, Gripper
 from pipelines.metrics.mesh_collision import MeshCollider
 
 FINGER = 0.01  # metres: thickness of a finger and of the bottom, half a finger's height
-BEHIND = 0.02  # metres from the origin back to the bottom
 VOXEL = 0.008  # metres, of graspnetAPI's cloud
 MIN_INNER = 10  # points of the cloud between the fingers; with fewer the grasp is empty
 NUM_CLOUD_SAMPLES = 40000
@@ -90,9 +89,14 @@ def meets_points(points: Array, grasps: GraspPoses, depth: Array) -> tuple[Mask,
         along, across = local[:, 0] + tips, np.abs(local[:, 1])
         half = some.width[:, None] / 2.0
         level = np.abs(local[:, 2]) < FINGER
-        reached = level & (along > -BEHIND) & (along < tips)
+        reached = level & (along > -GRASPNET_BACK) & (along < tips)
         fingers = reached & (across > half) & (across < half + FINGER)
-        bottom = level & (along > -BEHIND - FINGER) & (along < -BEHIND) & (across < half + FINGER)
+        bottom = (
+            level
+            & (along > -GRASPNET_BACK - FINGER)
+            & (along < -GRASPNET_BACK)
+            & (across < half + FINGER)
+        )
         hit[part] = (fingers | bottom).any(axis=1)
         inner[part] = (reached & (across <= half)).sum(axis=1)
     return hit, inner
@@ -102,7 +106,7 @@ def _box_gripper(depth: float) -> Gripper:
     return Gripper(
         name="graspnet",
         max_opening=0.5,
-        finger_length=float(np.clip(depth + BEHIND, 0.0, LONGEST)),
+        finger_length=float(np.clip(depth + GRASPNET_BACK, 0.0, LONGEST)),
         finger_thickness=FINGER,
         finger_height=2.0 * FINGER,
         palm_depth=FINGER,

@@ -59,7 +59,7 @@ class StepClock:
 class TimedDetector:
     """A detector with its seconds added up."""
 
-    detect: Callable[..., Any]
+    examine: Callable[..., Any]
 
 
 @dataclass(frozen=True)
@@ -101,12 +101,12 @@ def _on_device(sources: Sequence[FrameSource], device: str) -> list[Measurement]
 def _by_step(sources: Sequence[FrameSource], device: str) -> tuple[dict[str, float], int]:
     """Return the processor seconds of each step over all frames, and the number of regions."""
     clock, config, found = StepClock(), InferConfig(), 0
-    detect = models.detector(models.DETECTOR_WEIGHTS, device).detect
+    examine = models.detector(models.DETECTOR_WEIGHTS, device).examine
     predict = models.predictor(models.NETWORK_WEIGHTS, device).predict
     planner = Planner(
         config,
         load_gripper(config.gripper),
-        TimedDetector(clock.timed("detector", detect)),
+        TimedDetector(clock.timed("detector", examine)),
         TimedPredictor(clock.timed("network", predict)),
         models.symmetry_critics(),
         models.grasp_critic(),

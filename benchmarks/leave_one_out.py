@@ -90,8 +90,8 @@ class Memory:
 class RememberedDetector:
     """A region detector that computes each frame once."""
 
-    def __init__(self, detect: Callable[..., Any]) -> None:
-        self.detect = detect
+    def __init__(self, examine: Callable[..., Any]) -> None:
+        self.examine = examine
 
 
 class RememberedPredictor:
@@ -136,7 +136,7 @@ def left_out(rule: Rule, memory: Memory) -> Iterator[InferConfig]:
     detector, predictor = models.detector, models.predictor
 
     def detector_of(path: Path, device: str) -> RememberedDetector:
-        return RememberedDetector(memory.remembering(detector(path, device).detect))
+        return RememberedDetector(memory.remembering(detector(path, device).examine))
 
     def predictor_of(path: Path, device: str, mirrored: bool = False) -> RememberedPredictor:
         return RememberedPredictor(predictor(path, device, mirrored), memory)

@@ -69,6 +69,11 @@ class InferConfig:
     geometric_confidence: float = fraction(
         0.4, "Confidence of regions without a detection.", BY_EYE
     )
+    min_rating: float = fraction(
+        0.0001,
+        "Least confidence of the detector in the box of a region that it did not find.",
+        "D. 147",
+    )
     min_region_pixels: int = setting(
         200, "px", "Least number of pixels of a region.", BY_EYE, low=1
     )

@@ -138,6 +138,10 @@ class Planner:
             else plan
             for plan, region in zip(plans, regions, strict=True)
         ]
+        plans = [
+            plan.with_scores_times(region.confidence) if region.is_rated else plan
+            for plan, region in zip(plans, regions, strict=True)
+        ]
         return regions, plans
 
     @cached_property

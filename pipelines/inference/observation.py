@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.array_types import Mask
+from pipelines.array_types import Mask, Singles
 from pipelines.configs import ColorConfig, InferConfig
 from pipelines.frames.rgbd import Frame
 from pipelines.geometry.numerics.quantiles import quantiles
@@ -22,6 +22,7 @@ from pipelines.grasp_files.grasps_tables import REGION_FLAT, REGION_MEASURED, RE
 from pipelines.grasping.feasibility.limits import Limits
 from pipelines.grasping.planner import MIN_POINTS
 from pipelines.grasping.scene import RegionCloud, SceneCloud
+from pipelines.inference.rated_regions import rated_by_detector
 from pipelines.inference.regions import Region, find_regions, with_containers_joined
 from pipelines.inference.regions_by_color import with_color
 from pipelines.tabletop.regions.color import ColorPieces, color_pieces
@@ -34,7 +35,7 @@ from pipelines.tabletop.regions_geometric import (
 from pipelines.tabletop.sparse_depth import filled
 
 if TYPE_CHECKING:
-    from pipelines.network.detection.detector import RegionDetector
+    from pipelines.network.detection.detector import ExaminedFrame, RegionDetector
 
 MIN_MEASURED = 0.1  # smallest share of pixels with depth of a region that counts as measured
 
@@ -50,6 +51,7 @@ class Observation:
         regions: in the order of detection.
         clouds: the points of each of `regions`.
         too_small: number of further regions with fewer than `min_region_pixels`.
+        improbable: number of further regions with a rating below `min_rating`.
     """
 
     color: NDArray[np.uint8]
@@ -58,6 +60,7 @@ class Observation:
     regions: list[Region]
     clouds: list[RegionCloud]
     too_small: int = 0
+    improbable: int = 0
 
     def in_workspace(self) -> tuple[list[Region], list[RegionCloud]]:
         """Return the regions with a point in the workspace, and their points."""
@@ -98,21 +101,42 @@ def observe(
     segments = geometric_regions(depth, lens, config.region, rng, ground)
     limits = Limits.of(config.limits, workspace, segments.plane, lens)
     scene = SceneCloud(depth.astype(np.float64), lens, segments.plane, limits, config.sensor)
+    too_small = improbable = 0
     if regions is not None:
-        found, too_small = [Region(mask, 1.0, "masks") for mask in regions], 0
+        found = [Region(mask, 1.0, "masks") for mask in regions]
+    elif masks is not None:
+        found, too_small = find_regions(depth, segments, config, (), masks)
     else:
-        found, too_small = find_regions(frame.color, depth, lens, segments, config, detector, masks)
-        if masks is None and config.regions == "auto" and config.region.color.is_used:
-            pieces = _color_pieces(frame.color, segments, config.region.color)
-            found = with_color(found, pieces, segments, depth, lens, config)
-        if masks is None and config.regions != "detector":
-            found = with_containers_joined(found, segments)
+        examined = None
+        if detector is not None:
+            examined = detector.examine(frame.color, depth, lens, segments.plane)
+        every, too_small = _shown_regions(frame, depth, segments, examined, config)
+        found = every if examined is None else rated_by_detector(every, examined, config)
+        improbable = len(every) - len(found)
     clouds = [RegionCloud.from_mask(region.mask, scene) for region in found]
     found = [
         replace(region, status=_status(cloud, segments))
         for region, cloud in zip(found, clouds, strict=True)
     ]
-    return Observation(frame.color, scene, segments, found, clouds, too_small)
+    return Observation(frame.color, scene, segments, found, clouds, too_small, improbable)
+
+
+def _shown_regions(
+    frame: Frame,
+    depth: Singles,
+    segments: GeometricRegions,
+    examined: "ExaminedFrame | None",
+    config: InferConfig,
+) -> tuple[list[Region], int]:
+    """Return the regions that detector, depth and colour show, and the number of too small ones."""
+    detections = () if examined is None else examined.detections
+    found, too_small = find_regions(depth, segments, config, detections, None)
+    if config.regions == "auto" and config.region.color.is_used:
+        pieces = _color_pieces(frame.color, segments, config.region.color)
+        found = with_color(found, pieces, segments, depth, frame.intrinsics, config)
+    if config.regions != "detector":
+        found = with_containers_joined(found, segments)
+    return found, too_small
 
 
 def _color_pieces(
@@ -170,6 +194,8 @@ def _why_none_graspable(seen: Observation) -> str:
     if clouds and all(len(cloud) < MIN_POINTS for cloud in clouds):
         measured = f"too little depth was measured in {len(clouds)} regions"
         return f"{measured}; a region needs {MIN_POINTS} points"
+    if not clouds and seen.improbable:
+        return f"the detector rates {seen.improbable} regions as no objects; see min_rating"
     if not clouds:
         return "nothing stands out from its support; is an object within reach of the camera?"
     inside = len(seen.in_workspace()[0])

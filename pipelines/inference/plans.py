@@ -1,6 +1,7 @@
 """The plans of the regions of a frame, as columns of its result."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,11 @@ class Plan:
     def rests_on_symmetry(self) -> bool:
         """Whether the best grasp is a symmetric one."""
         return len(self.grasps) > 0 and bool(self.grasps.slot[0] >= 0)
+
+    def with_scores_times(self, probability: float) -> Self:
+        """Return the plan with scores of grasps on a region that is an object by `probability`."""
+        scores = self.grasps.rank_score * probability
+        return replace(self, grasps=replace(self.grasps, rank_score=scores))
 
     @property
     def existence(self) -> Array:

@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 
 from pipelines.array_types import Mask
 from pipelines.configs import InferConfig
-from pipelines.geometry.camera import Intrinsics
 from pipelines.grasp_files.grasps_tables import REGION_MEASURED
 from pipelines.tabletop.regions.containers import insides
 from pipelines.tabletop.regions.pieces import box_of
 from pipelines.tabletop.regions_geometric import GeometricRegions, working_step
 
 if TYPE_CHECKING:
-    from pipelines.network.detection.detector import Detection, RegionDetector
+    from pipelines.network.detection.detector import Detection
 
 Depth = NDArray[np.float32]
 
@@ -34,16 +33,19 @@ class Region:
 
     Attributes:
         mask: (H, W) pixels of the region.
-        confidence: 0 to 1, of the detector.
+        confidence: 0 to 1, of the detector; for a rated region the estimated probability that it
+            is an object.
         source: `detector`, `geometric`, `color` or `masks`; `rest` for pixels of no other region.
         status: `measured`; `flat` if its depth cannot be distinguished from the table's;
             `no_depth` if hardly any depth was measured.
+        is_rated: whether the detector did not find the region, but has rated it (D. 147).
     """
 
     mask: Mask
     confidence: float
     source: str
     status: str = REGION_MEASURED
+    is_rated: bool = False
 
     @property
     def is_graspable(self) -> bool:
@@ -52,27 +54,22 @@ class Region:
 
 
 def find_regions(
-    color: NDArray[np.uint8],
     depth: Depth,
-    intrinsics: Intrinsics,
     segments: GeometricRegions,
     config: InferConfig,
-    detector: "RegionDetector | None",
+    detections: Sequence["Detection"],
     masks: NDArray[np.int32] | None,
 ) -> tuple[list[Region], int]:
     """Return the regions of a frame, and the number of regions below `min_region_pixels`.
 
-    `color`: (H, W, 3) RGB. `depth`: (H, W) metres, 0 = missing. `segments`: the parts of the
-    foreground that the depth alone separates. `masks`: (H, W) the user's instance ids, 0 =
-    background; these replace found regions.
+    `depth`: (H, W) metres, 0 = missing. `segments`: the parts of the foreground that the depth
+    alone separates. `masks`: (H, W) the user's instance ids, 0 = background; these replace found
+    regions.
     """
     if masks is not None:
         regions = [Region(masks == i, 1.0, "masks") for i in np.unique(masks[masks > 0])]
     else:
-        regions = []
-        if detector is not None:
-            found = detector.detect(color, depth, intrinsics, segments.plane)
-            regions = _from_detections(found, depth > 0, segments, config)
+        regions = _from_detections(detections, depth > 0, segments, config)
         if config.regions != "detector":
             regions = _completed_by_depth(regions, segments, config)
     large = [r for r in regions if np.count_nonzero(r.mask) >= config.min_region_pixels]

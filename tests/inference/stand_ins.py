@@ -1,5 +1,6 @@
 """Stand-ins for the networks: a detector of a frame, a predictor of a region."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,15 +15,27 @@ class Detection:
 
 
 @dataclass(frozen=True)
+class Examined:
+    """A frame with the given detections; `rate` rates a box."""
+
+    detections: list
+    rate: Callable
+
+    def confidences(self, boxes):
+        return np.array([self.rate(box) for box in boxes])
+
+
+@dataclass(frozen=True)
 class Detector:
-    """Finds the given regions, and remembers the planes that it was given."""
+    """Finds the given regions, and remembers the planes that it was given; other boxes: `rate`."""
 
     found: list
     planes: list = field(default_factory=list)
+    rate: Callable = lambda box: 0.9
 
-    def detect(self, color, depth, intrinsics, plane):
+    def examine(self, color, depth, intrinsics, plane):
         self.planes.append(plane)
-        return self.found
+        return Examined(self.found, self.rate)
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 from torchvision.models.detection import MaskRCNN
+from torchvision.models.detection.roi_heads import RoIHeads
 
 from pipelines.array_types import Array, Mask, Singles
 from pipelines.configs import DetectorConfig
@@ -37,6 +38,31 @@ class Detection:
     confidence: float  # in [0, 1]
 
 
+@dataclass(frozen=True)
+class ExaminedFrame:
+    """A frame that the detector has seen: its regions, and the confidence in any other box."""
+
+    detections: list[Detection]  # the most confident first
+    _heads: RoIHeads
+    _features: dict[str, Tensor]
+    _size: tuple[int, int]  # height, width of the network's image
+    _scale: Array  # (4,) pixels of the frame per pixel of that image
+
+    @torch.inference_mode()
+    def confidences(self, boxes: Array) -> Array:
+        """Return the confidence (n,), 0 to 1, that each of `boxes` bounds a region.
+
+        `boxes`: (n, 4) x0, y0, x1, y1 in pixels of the frame. It is the confidence that a detection
+        with this box would have; most of these boxes were never proposed.
+        """
+        device = next(iter(self._features.values())).device
+        scaled = torch.as_tensor(boxes / self._scale, dtype=torch.float32, device=device)
+        pooled = self._heads.box_roi_pool(self._features, [scaled], [self._size])
+        classes, _ = self._heads.box_predictor(self._heads.box_head(pooled))
+        confidence: Array = torch.softmax(classes, -1)[:, 1].double().cpu().numpy()
+        return confidence
+
+
 class RegionDetector:
     """Mask R-CNN with the preparation of its input and with masks at the size of the frame."""
 
@@ -62,7 +88,6 @@ class RegionDetector:
         fill(model, tensors, path)
         return cls(model, config, found)
 
-    @torch.inference_mode()
     def detect(
         self,
         color: NDArray[np.uint8],
@@ -70,7 +95,18 @@ class RegionDetector:
         intrinsics: Intrinsics,
         plane: Plane | None = None,
     ) -> list[Detection]:
-        """Return the regions of a frame, the most confident first.
+        """Return the regions of a frame, the most confident first; arguments as of `examine`."""
+        return self.examine(color, depth, intrinsics, plane).detections
+
+    @torch.inference_mode()
+    def examine(
+        self,
+        color: NDArray[np.uint8],
+        depth: Singles,
+        intrinsics: Intrinsics,
+        plane: Plane | None = None,
+    ) -> ExaminedFrame:
+        """Return the regions of a frame, with the means to rate other boxes.
 
         Args:
             color: (H, W, 3) RGB.
@@ -88,9 +124,15 @@ class RegionDetector:
         frame = self.resized(color, depth, intrinsics)
         known = find_plane(frame) if plane is None else plane
         image = detector_image(frame, known, self.config.input).to(self.device)
-        (found_regions,) = self.model([image])
-        scale = np.array([size[1] / frame.color.shape[1], size[0] / frame.color.shape[0]] * 2)
-        return self._detections(found_regions, scale, size)
+        model, shape = self.model, (image.shape[-2], image.shape[-1])
+        images, _ = model.transform([image])
+        features = model.backbone(images.tensors)
+        proposals, _ = model.rpn(images, features)
+        found, _ = model.roi_heads(features, proposals, images.image_sizes)
+        (found_regions,) = model.transform.postprocess(found, images.image_sizes, [shape])
+        scale = np.array([size[1] / shape[1], size[0] / shape[0]] * 2)
+        detections = self._detections(found_regions, scale, size)
+        return ExaminedFrame(detections, model.roi_heads, features, shape, scale)
 
     def resized(
         self, color: NDArray[np.uint8], depth: Singles, intrinsics: Intrinsics

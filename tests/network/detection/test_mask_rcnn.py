@@ -9,8 +9,11 @@ from numpy.testing import assert_array_equal
 
 from pipelines.configs import DetectorConfig
 from pipelines.errors import UnknownNameError, ValueRangeError
+from pipelines.frames.frames import find_frames
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.pointcloud import Plane
+from pipelines.health.golden import FRAMES
+from pipelines.inference.models import DETECTOR_WEIGHTS
 from pipelines.network.detection.detector import RegionDetector, draw_mask
 from pipelines.network.detection.mask_rcnn import (
     PreparedImages,
@@ -115,11 +118,28 @@ def test_images_whose_size_differs_from_the_camera_are_refused():
         detector.detect(np.zeros((96, 128, 3), np.uint8), np.zeros((90, 128), np.float32), camera)
 
 
+def test_a_detected_box_has_the_confidence_of_its_detection():
+    # The box of a detection is a refined proposal: rated again, it has about the same confidence.
+    frame = find_frames(FRAMES)[0].read()
+    detector = RegionDetector.load(DETECTOR_WEIGHTS, "cpu")
+    examined = detector.examine(frame.color, frame.depth, frame.intrinsics)
+    sure = [each for each in examined.detections if each.confidence > 0.99]
+    assert len(sure) >= 4
+    assert (examined.confidences(np.array([each.box for each in sure])) > 0.9).all()
+    x0, y0, x1, y1 = sure[0].box
+    side = np.array([x0, y0, x0 + (x1 - x0) / 5, y1])  # a strip of the object
+    table = np.array([2.0, 440.0, 60.0, 478.0])
+    assert (examined.confidences(np.array([side, table])) < 0.5).all()
+    assert examined.confidences(np.zeros((0, 4))).shape == (0,)
+
+
 def test_frames_are_larger_at_inference_than_in_training():
     torch.manual_seed(0)
     detector = RegionDetector(build_detector(CONFIG), CONFIG, torch.device("cpu"))
     seen = []
-    detector.model.register_forward_pre_hook(lambda _, images: seen.append(images[0][0].shape))
+    detector.model.transform.register_forward_pre_hook(
+        lambda _, images: seen.append(images[0][0].shape)
+    )
     camera = Intrinsics(600.0, 600.0, 320.0, 240.0, 640, 480)
     color, depth = np.zeros((480, 640, 3), np.uint8), np.zeros((480, 640), np.float32)
     found = detector.detect(color, depth, camera)

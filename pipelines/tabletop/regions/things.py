@@ -46,13 +46,15 @@ class Things:
 
     def may_be(self, mask: Mask) -> bool:
         """Return whether the pixels of `mask` (H, W) may be an object; True without depth."""
-        seen = mask & np.isfinite(self.xyz[..., 2])
+        pixels = np.flatnonzero(mask)
+        points = self.xyz.reshape(-1, 3).take(pixels, axis=0)
+        seen = np.isfinite(points[:, 2])
         count = np.count_nonzero(seen)
         if not count:
             return True
-        if np.count_nonzero(seen & self.hanging) > 0.5 * count:
+        if np.count_nonzero(self.hanging.take(pixels[seen])) > 0.5 * count:
             return False
-        return self.has_size_and_place(self.xyz[seen], np.flatnonzero(mask))
+        return self.has_size_and_place(points[seen], pixels)
 
     def has_size_and_place(self, points: Array, pixels: Indices) -> bool:
         """Return whether the piece of `points` (n, 3) and flat `pixels` (m,) may be an object."""

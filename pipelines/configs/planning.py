@@ -160,7 +160,7 @@ class RankingConfig:
         0.6, "Expected quality from which no better kind of grasp is sought.", "D. 82"
     )
     alternatives: int = count(
-        20,
+        10,
         "Grasps of a region below which other kinds of grasps are added, ranked after the best.",
         "D. 146",
         low=0,

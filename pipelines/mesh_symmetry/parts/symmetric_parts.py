@@ -30,6 +30,7 @@ MAX_MEAN_NORMAL = 0.6  # length: 0 for a closed surface, 0.5 for a bowl, 1 for a
 SMALL_OBJECT = 0.5  # of its object's diameter; a larger part counts as graspable
 MAX_LOOSE_SHARE = 0.2  # largest ungraspable share outside of bodies: a mug, but not a peach
 MIN_DETAIL = 0.1  # least share of a symmetric part that is cut out of an object without symmetry
+FACES_AT_A_TIME = 2000  # of a hull; a scan's hull has more than 100,000
 MIN_CUT_SHARE = 0.2  # smaller parts are not cut into convex pieces
 
 # coacd's defaults take half a minute per object; these settings find the same large pieces.
@@ -176,7 +177,11 @@ def _outside(corners: Array, points: Array) -> Array:
         equations = ConvexHull(corners, qhull_options="QJ").equations
     except QhullError:
         return np.asarray(KDTree(corners).query(points)[0])
-    return np.asarray((points @ equations[:, :3].T + equations[:, 3]).max(axis=1))
+    depth = np.full(len(points), -np.inf)
+    for start in range(0, len(equations), FACES_AT_A_TIME):
+        some = equations[start : start + FACES_AT_A_TIME]
+        np.maximum(depth, (points @ some[:, :3].T + some[:, 3]).max(axis=1), out=depth)
+    return depth
 
 
 def _is_graspable(search: PartSymmetries, members: Mask) -> bool:

@@ -12,6 +12,7 @@ from pipelines.geometry.symmetry import ReflectionSymmetry
 from pipelines.geometry.transforms import make_pose, random_rotation
 from pipelines.mesh_symmetry.detection.symmetry_detection import analyse, holding
 from pipelines.mesh_symmetry.doubt import Gauge
+from pipelines.mesh_symmetry.parts import symmetric_parts
 from pipelines.mesh_symmetry.parts.symmetric_parts import symmetric_regions
 from pipelines.synthesis.objects.families.catalogue import make_shape
 from tests.geometry.symmetric_shapes import (
@@ -181,3 +182,13 @@ def test_an_oval_column_stays_whole_and_gets_no_axis():
     assert whole.name == "whole"
     assert whole.symmetries == tuple(symmetries)
     assert all(symmetry.order is not None for symmetry in symmetries if symmetry.kind == "rotation")
+
+
+def test_the_distance_from_a_hull_of_many_faces_is_taken_some_faces_at_a_time(monkeypatch):
+    rng = np.random.default_rng(0)
+    corners, points = rng.normal(size=(400, 3)), rng.normal(size=(50, 3))
+    corners /= np.linalg.norm(corners, axis=1, keepdims=True)
+    whole = symmetric_parts._outside(corners, points)
+    assert_allclose(whole, np.linalg.norm(points, axis=1) - 1.0, atol=0.05)
+    monkeypatch.setattr(symmetric_parts, "FACES_AT_A_TIME", 7)
+    assert_allclose(symmetric_parts._outside(corners, points), whole, atol=1e-12)

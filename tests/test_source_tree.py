@@ -101,3 +101,10 @@ def test_paths_are_resolved_by_the_function_that_accepts_circular_links():
         if isinstance(node, ast.Attribute) and node.attr == "resolve"
     ]
     assert calls == [], "take pipelines.storage.files.real_path"
+
+
+def test_scripts_with_an_interpreter_line_can_be_run():
+    scripts = [path for path in (*ROOT.glob("tools/**/*"), ROOT / ".ci" / "run") if path.is_file()]
+    marked = [path for path in scripts if path.read_bytes()[:2] == b"#!"]
+    assert len(marked) >= 3
+    assert not [path for path in marked if not path.stat().st_mode & 0o100]

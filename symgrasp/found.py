@@ -41,7 +41,8 @@ class FoundRegion:
 
     Attributes:
         box: (4,) float32 pixels x0, y0, x1, y1 of the mask; x1 and y1 are exclusive.
-        confidence: 0 to 1, the detector's score; a constant for regions from other sources.
+        confidence: 0 to 1, the detector's score; for a region that it did not find, the probability
+            of an object by its rating; a constant without a detector.
         source: origin of the region: `detector`, `geometric`, `color` or `masks`; `rest` for the
             grasps of a compared method on no other region.
         status: `measured`; `flat` if its depth is that of the table; `no_depth`.

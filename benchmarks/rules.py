@@ -185,6 +185,7 @@ SELECTION = (
     ),
     Rule("torque", "torque of the weight", {f"{RANKING}half_torque_arm": 1e3}),
     Rule("alike", "suppression of alike grasps", {f"{RANKING}nms_distance": 0.0}),
+    Rule("alternatives", "other kinds after a good grasp", {f"{RANKING}alternatives": 0}),
     Rule(
         "always-planar", "expectation that leaves further passes out", {f"{RANKING}sufficient": 1.0}
     ),
@@ -296,6 +297,7 @@ SYMMETRIES = (
 REGIONS = (
     Rule("foreground", "share of a detection above the table", {"min_foreground": 0.0}),
     Rule("uncovered", "share of a depth region left free", {"min_uncovered": 0.0}),
+    Rule("ratings", "improbable regions left out", {"min_rating": 0.0}),
     Rule("pieces", "detections taken apart", {"min_piece_share": 1.0}),
     Rule(
         "piecewise",

@@ -134,7 +134,7 @@ def _floor(frame: Frame, num_regions: float, device: str) -> Measurement:
     cloud = np.random.default_rng(0).normal(0.0, 0.03, (2000, 3))
     with models.one_thread_each():  # the work of other threads would not be counted
         seen = frame.color, frame.depth, frame.intrinsics
-        detection = gflop_of(lambda: detector.detect(*seen))
+        detection = gflop_of(lambda: detector.examine(*seen))
         region = gflop_of(lambda: predictor.predict([cloud]))
     gflop = detection + num_regions * region
     note = f"{detection:.1f} GFLOP + {num_regions:.1f} regions x {region:.2f}, at SGEMM"

@@ -78,7 +78,7 @@ def _training_step() -> Measurement:
 
 
 def _detector() -> list[Measurement]:
-    """Return the times of the network alone, folded and plain, and of the whole `detect`."""
+    """Return the times of the network alone, folded and plain, and of the whole `examine`."""
     detector, frame = (
         models.detector(models.DETECTOR_WEIGHTS, "cpu"),
         find_frames(BUNDLED)[0].read(),
@@ -97,10 +97,9 @@ def _detector() -> list[Measurement]:
         alone = _against_floor(
             f"detector: network at {size}", lambda: detector.model([ready]), 1.0, note
         )
-    whole = cpu_seconds_of(lambda: detector.detect(*seen))
-    note = (
-        f"with support plane, channels and masks; one core; {len(detector.detect(*seen))} regions"
-    )
+    whole = cpu_seconds_of(lambda: detector.examine(*seen))
+    found = detector.examine(*seen).detections
+    note = f"with support plane, channels and masks; one core; {len(found)} regions"
     return [alone, Measurement("detector", whole, "CPU-s/frame", note)]
 
 

@@ -67,7 +67,7 @@ class InferConfig:
     )
     gripper: str = choice("rg2", "Gripper: rg2, robotiq_2f85, franka, or a TOML file.", "D. 54")
     geometric_confidence: float = fraction(
-        0.4, "Confidence of regions without a detection.", BY_EYE
+        0.4, "Confidence of regions that no detector has found or rated.", BY_EYE
     )
     min_rating: float = fraction(
         0.0001,

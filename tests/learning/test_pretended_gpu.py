@@ -166,8 +166,8 @@ def test_the_detector_finds_the_same_regions():
     depth = np.full((96, 128), 0.8, np.float32)
     depth[30:60, 40:80] = 0.7
     with pretended_gpu():
-        there = RegionDetector.load(DETECTOR_WEIGHTS, "cuda").detect(color, depth, lens)
-    here = RegionDetector.load(DETECTOR_WEIGHTS, "cpu").detect(color, depth, lens)
+        there = RegionDetector.load(DETECTOR_WEIGHTS, "cuda").examine(color, depth, lens).detections
+    here = RegionDetector.load(DETECTOR_WEIGHTS, "cpu").examine(color, depth, lens).detections
     assert [each.confidence for each in there] == pytest.approx([each.confidence for each in here])
 
 

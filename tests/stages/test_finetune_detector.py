@@ -80,7 +80,7 @@ def test_frames_are_compressed_to_the_same_bytes_in_every_process(root, output):
 def test_the_weights_load_into_the_detector(root, output):
     frame = root.read_frame(root.scenes()[0].frames()[0])
     detector = RegionDetector.load(output, "cpu")
-    for found in detector.detect(frame.color, frame.depth, frame.intrinsics):
+    for found in detector.examine(frame.color, frame.depth, frame.intrinsics).detections:
         assert found.mask.shape == frame.depth.shape
         assert 0.0 <= found.confidence <= 1.0
 

@@ -72,7 +72,7 @@ class RegionDetector:
         heads = self.model.roi_heads
         for pooling in (heads.box_roi_pool, heads.mask_roi_pool):
             pooling.__class__ = ChannelsLastRoIAlign  # the class alone decides how it pools
-        # Boxes that `detect` drops need no mask: a weaker box never suppresses a stronger one.
+        # Boxes that `examine` drops need no mask: a weaker box never suppresses a stronger one.
         heads.score_thresh = max(config.candidate_confidence, config.min_confidence)
 
     @classmethod
@@ -88,16 +88,6 @@ class RegionDetector:
         fill(model, tensors, path)
         return cls(model, config, found)
 
-    def detect(
-        self,
-        color: NDArray[np.uint8],
-        depth: Singles,
-        intrinsics: Intrinsics,
-        plane: Plane | None = None,
-    ) -> list[Detection]:
-        """Return the regions of a frame, the most confident first; arguments as of `examine`."""
-        return self.examine(color, depth, intrinsics, plane).detections
-
     @torch.inference_mode()
     def examine(
         self,
@@ -106,7 +96,7 @@ class RegionDetector:
         intrinsics: Intrinsics,
         plane: Plane | None = None,
     ) -> ExaminedFrame:
-        """Return the regions of a frame, with the means to rate other boxes.
+        """Return the regions of a frame, most confident first, with the means to rate other boxes.
 
         Args:
             color: (H, W, 3) RGB.

@@ -115,7 +115,7 @@ def test_images_whose_size_differs_from_the_camera_are_refused():
     detector = RegionDetector(build_detector(CONFIG), CONFIG, torch.device("cpu"))
     camera = Intrinsics(100.0, 100.0, 64.0, 48.0, 128, 96)
     with pytest.raises(ValueRangeError, match="shapes of colour and depth"):
-        detector.detect(np.zeros((96, 128, 3), np.uint8), np.zeros((90, 128), np.float32), camera)
+        detector.examine(np.zeros((96, 128, 3), np.uint8), np.zeros((90, 128), np.float32), camera)
 
 
 def test_a_detected_box_has_the_confidence_of_its_detection():
@@ -142,7 +142,7 @@ def test_frames_are_larger_at_inference_than_in_training():
     )
     camera = Intrinsics(600.0, 600.0, 320.0, 240.0, 640, 480)
     color, depth = np.zeros((480, 640, 3), np.uint8), np.zeros((480, 640), np.float32)
-    found = detector.detect(color, depth, camera)
+    found = detector.examine(color, depth, camera).detections
     assert seen == [(6, 128, 170)]  # 96 x 128 times 1.33
     assert all(each.mask.shape == (480, 640) for each in found)
 
@@ -151,9 +151,9 @@ def test_a_frame_without_depth_gives_detections():
     torch.manual_seed(0)
     detector = RegionDetector(build_detector(CONFIG), CONFIG, torch.device("cpu"))
     camera = Intrinsics(100.0, 100.0, 64.0, 48.0, 128, 96)
-    for found in detector.detect(
+    for found in detector.examine(
         np.zeros((96, 128, 3), np.uint8), np.zeros((96, 128), np.float32), camera
-    ):
+    ).detections:
         assert found.mask.shape == (96, 128)
 
 
@@ -163,10 +163,10 @@ def test_only_detections_above_the_confidence_limit_are_kept():
     depth = np.random.default_rng(0).uniform(0.5, 0.9, (72, 96)).astype(np.float32)
     camera = Intrinsics(90.0, 90.0, 48.0, 36.0, 96, 72)
     frame = np.zeros((72, 96, 3), np.uint8), depth, camera
-    every = RegionDetector(model, CONFIG, torch.device("cpu")).detect(*frame)
+    every = RegionDetector(model, CONFIG, torch.device("cpu")).examine(*frame).detections
     limit = float(np.median([found.confidence for found in every]))
     config = replace(CONFIG, min_confidence=limit)
-    few = RegionDetector(model, config, torch.device("cpu")).detect(*frame)
+    few = RegionDetector(model, config, torch.device("cpu")).examine(*frame).detections
     assert 0 < len(few) < len(every)
     for one, other in zip(few, every, strict=False):
         assert one.confidence == pytest.approx(other.confidence)
@@ -181,6 +181,6 @@ def test_a_given_plane_is_used_instead_of_a_search(monkeypatch):
     frame = np.zeros((72, 96, 3), np.uint8), depth, Intrinsics(90.0, 90.0, 48.0, 36.0, 96, 72)
     plane, other = (Plane(np.array([0.0, 0.0, -1.0]), far) for far in (0.9, 0.6))
     monkeypatch.setattr("pipelines.network.detection.detector.find_plane", lambda _frame: plane)
-    searched = [each.confidence for each in detector.detect(*frame)]
-    assert [each.confidence for each in detector.detect(*frame, plane)] == searched
-    assert [each.confidence for each in detector.detect(*frame, other)] != searched
+    searched = [each.confidence for each in detector.examine(*frame).detections]
+    assert [each.confidence for each in detector.examine(*frame, plane).detections] == searched
+    assert [each.confidence for each in detector.examine(*frame, other).detections] != searched

@@ -34,7 +34,7 @@ class SymgraspError(Exception):
 
     def __str__(self) -> str:
         """Return the sentence, in one line."""
-        return printable(super().__str__())
+        return printable(Exception.__str__(self))  # KeyError would put it in quotes
 
     def __reduce__(self) -> str | tuple[Any, ...]:
         """Return the pickled form, in which a worker passes the error to its parent."""

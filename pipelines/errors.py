@@ -56,7 +56,7 @@ class WriteError(SymgraspError):
         super().__init__(
             f"{path} cannot be written ({why}); once it can, the same command continues from here"
         )
-        self.arguments = (path, why)
+        self.why, self.arguments = why, (path, why)
 
 
 class MissingInputError(SymgraspError):

@@ -77,9 +77,10 @@ def listening(config: ServeConfig) -> list[socket.socket]:
     except OSError as error:
         for each in opened:
             each.close()
+        reason = str(error.strerror).partition(" (while")[0]
         where = f"--host {config.host} --port {config.port}"
-        reason = f"cannot be listened on ({error.strerror})"
-        raise SymgraspError(f"{where} {reason}; choose another port or address") from error
+        sentence = f"{where} cannot be listened on ({reason}); choose another port or address"
+        raise SymgraspError(sentence) from error
     return opened
 
 

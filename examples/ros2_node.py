@@ -2,8 +2,9 @@
 
     python ros2_node.py --ros-args -p gripper:=franka -r color:=/camera/color/image_raw ...
 
-Depth is registered to colour. Grasps are poses of the gripper's base (z approach, y closing) in the
-frame of the depth image, best first; widths and openings are metres, in the same order.
+Images are rectified, depth registered to colour. Grasps are poses of the gripper's base (z
+approach, y closing) in the frame of the depth image, best first; widths and openings are metres, in
+the same order.
 """
 
 from typing import Any

@@ -34,7 +34,7 @@ class SymgraspError(Exception):
 
     def __str__(self) -> str:
         """Return the sentence, in one line."""
-        return printable(super().__str__())
+        return printable(Exception.__str__(self))  # KeyError would put it in quotes
 
     def __reduce__(self) -> str | tuple[Any, ...]:
         """Return the pickled form, in which a worker passes the error to its parent."""
@@ -56,7 +56,7 @@ class WriteError(SymgraspError):
         super().__init__(
             f"{path} cannot be written ({why}); once it can, the same command continues from here"
         )
-        self.arguments = (path, why)
+        self.why, self.arguments = why, (path, why)
 
 
 class MissingInputError(SymgraspError):

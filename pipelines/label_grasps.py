@@ -38,7 +38,7 @@ from pipelines.dataset.meshes import (
     write_mesh,
 )
 from pipelines.dataset.object_list import ObjectRecord
-from pipelines.errors import SymgraspError, ValueRangeError
+from pipelines.errors import SymgraspError, ValueRangeError, WriteError
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.geometry.meshes.signed_distance import signed_distance_grid
 from pipelines.geometry.meshes.winding import turned_outward
@@ -241,6 +241,8 @@ def _label(
         stamp_ahead(target, stamp)
         join_grasp_labels(target, files, compress=compress)
         shutil.rmtree(files[0].parent)
+    except WriteError:
+        raise
     except (SymgraspError, OSError) as error:
         report.failed[source.title] = str(error)
         return

@@ -8,6 +8,7 @@ or Ctrl-C, once the frames in progress are answered or the grace period is over.
 """
 
 import json
+import socket
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -62,10 +63,31 @@ def app_of(
     return make_app(answer, facts, config)
 
 
-def run(app: "FastAPI", config: ServeConfig) -> None:
+def listening(config: ServeConfig) -> list[socket.socket]:
+    """Return sockets that listen on all addresses of the host.
+
+    Raises:
+        SymgraspError: the host is unknown, or the port is in use or not allowed.
+    """
+    opened: list[socket.socket] = []
+    try:
+        found = socket.getaddrinfo(config.host, config.port, type=socket.SOCK_STREAM)
+        for family, _kind, _protocol, _name, address in dict.fromkeys(found):
+            opened.append(socket.create_server(address[:2], family=family))
+    except OSError as error:
+        for each in opened:
+            each.close()
+        reason = str(error.strerror).partition(" (while")[0]
+        where = f"--host {config.host} --port {config.port}"
+        sentence = f"{where} cannot be listened on ({reason}); choose another port or address"
+        raise SymgraspError(sentence) from error
+    return opened
+
+
+def run(app: "FastAPI", config: ServeConfig, sockets: list[socket.socket]) -> None:
     """Serve until SIGTERM or Ctrl-C; frames in progress are answered within the grace period.
 
-    A second signal ends the server at once.
+    A second signal ends the server at once. `sockets`: the result of `listening`.
 
     Raises:
         SymgraspError: the extra is not installed.
@@ -89,11 +111,5 @@ def run(app: "FastAPI", config: ServeConfig) -> None:
             limit.start()
             super().handle_exit(sig, frame)
 
-    settings = uvicorn.Config(
-        app,
-        host=config.host,
-        port=config.port,
-        log_level="warning",
-        limit_concurrency=2 * config.max_waiting,
-    )
-    Server(settings).run()
+    most = 2 * config.max_waiting
+    Server(uvicorn.Config(app, log_level="warning", limit_concurrency=most)).run(sockets)

@@ -44,8 +44,10 @@ def serve(
         seed=seed,
     )
     app = stage.app_of(detector.frame_result, detector.gripper, http, camera_to_base)
+    sockets = stage.listening(http)
     if not manner().quiet:
-        typer.echo(f"serving on http://{http.host}:{http.port}/grasps until Ctrl-C", err=True)
+        port = sockets[0].getsockname()[1]
+        typer.echo(f"serving on http://{http.host}:{port}/grasps until Ctrl-C", err=True)
         if http.host not in stage.LOOPBACK:
             typer.echo("other machines can reach the server, which asks for no password", err=True)
-    stage.run(app, http)
+    stage.run(app, http, sockets)

@@ -107,7 +107,8 @@ def check_units(name: str, units: float | None) -> None:
         return
     is_number = isinstance(units, int | float | np.number)  # a POST may hold anything
     if not is_number or not low <= units <= high:  # written so that nan fails too
-        raise ValueRangeError(name, units, f"between {low:g} and {high:g} units per metre")
+        found = units if is_number else repr(units)
+        raise ValueRangeError(name, found, f"a number between {low:g} and {high:g} units per metre")
 
 
 def parse_camera(text: str) -> CameraFile:

@@ -1,8 +1,8 @@
 """The camera's pose in the robot's base frame, from files of hand-eye calibrations.
 
-Supported are a 4 x 4 matrix in JSON or YAML, bare or under any key; the YAML of easy_handeye and
-easy_handeye2, and others with a translation and a quaternion; and the launch file that MoveIt's
-calibration saves. The camera's axes are those of its optical frame.
+Supported are a 4 x 4 matrix in JSON or YAML, bare or under any key, or in numpy's .npy or .txt; the
+YAML of easy_handeye and easy_handeye2, and others with a translation and a quaternion; and the
+launch file that MoveIt's calibration saves. The camera's axes are those of its optical frame.
 """
 
 import re
@@ -16,15 +16,15 @@ from pipelines.array_types import Array
 from pipelines.errors import FormatError
 from pipelines.frames.encodings.yaml_files import read_yaml
 from pipelines.geometry.transforms import make_pose, nearest_orthogonal, quaternion_to_matrix
-from pipelines.storage.files import existing, read_json
+from pipelines.storage.files import existing, read_json, read_npy
 
 EXPECTED = (
-    "a 4 x 4 matrix in JSON or YAML, or the YAML of easy_handeye or MoveIt's calibration, is "
-    "expected: the camera's pose in the robot's base frame, metres"
+    "a 4 x 4 matrix in JSON, YAML, .npy or .txt, or the YAML of easy_handeye or MoveIt's "
+    "calibration, is expected: the camera's pose in the robot's base frame, metres"
 )
 FARTHEST = 20.0  # metres from a robot's base to its camera; larger distances are millimetres
 MAX_SKEW = 5e-3  # largest error of a rotation, which is that of three digits
-MAX_LAUNCH_BYTES = 2**16
+MAX_TEXT_BYTES = 2**16  # of a .launch or a .txt
 POSITIONS, TURNS = ("translation", "position"), ("rotation", "quaternion", "orientation")
 NUMBER = r"[-+]?[\d.]+(?:[eE][-+]?\d+)?"
 LAUNCH = re.compile(rf"args=\"\s*((?:{NUMBER}\s+){{7}})(\S+)\s+\S+")
@@ -52,7 +52,7 @@ def read_hand_eye(path: Path) -> HandEye:
     """
     if path.suffix == ".launch":
         return _of_launch(path)
-    content = read_json(path) if path.suffix == ".json" else read_yaml(path)
+    content = _content(path)
     facts = content.get("parameters", content) if isinstance(content, dict) else {}
     facts = facts if isinstance(facts, dict) else {}
     if _is_on_hand(facts):
@@ -66,6 +66,24 @@ def read_hand_eye(path: Path) -> HandEye:
         raise FormatError(path, "holds no pose of a camera", EXPECTED)
     base = facts.get("robot_base_frame", "")
     return HandEye(_checked(path, pose), base if isinstance(base, str) else "")
+
+
+def _content(path: Path) -> object:
+    if path.suffix == ".json":
+        return read_json(path)
+    if path.suffix == ".npy":
+        return read_npy(path)
+    if path.suffix != ".txt":
+        return read_yaml(path)
+    try:
+        return [float(each) for each in _text(path).replace(",", " ").split()]
+    except ValueError as error:
+        raise FormatError(path, f"does not hold numbers alone ({error})", EXPECTED) from None
+
+
+def _text(path: Path) -> str:
+    with existing(path).open("rb") as stream:
+        return stream.read(MAX_TEXT_BYTES).decode("utf-8", "replace")
 
 
 def _is_on_hand(facts: Mapping[str, object]) -> bool:
@@ -140,9 +158,7 @@ def _checked(path: Path, pose: Array) -> Array:
 
 def _of_launch(path: Path) -> HandEye:
     """Read the static transform of a launch file, `x y z qx qy qz qw base camera`."""
-    with existing(path).open("rb") as stream:
-        text = stream.read(MAX_LAUNCH_BYTES).decode("utf-8", "replace")
-    found = LAUNCH.search(text)
+    found = LAUNCH.search(_text(path))
     if found is None:
         raise FormatError(path, "publishes no static transform", EXPECTED)
     try:

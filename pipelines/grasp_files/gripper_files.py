@@ -9,6 +9,7 @@ from pipelines.configs.toml_files import read_toml
 from pipelines.contents import LONGEST_REASON, mapping_in, reading
 from pipelines.errors import FormatError, SymgraspError, UnknownNameError
 from pipelines.grasping.gripper import Gripper
+from pipelines.storage.files import existing
 from pipelines.storage.provenance import digest_text
 
 GRIPPERS = Path(__file__).parent.parent / "grippers"
@@ -52,19 +53,23 @@ def load_gripper(name_or_path: str) -> Gripper:
     """Return the gripper of a preset's name or of a TOML file.
 
     Raises:
-        UnknownNameError: there is neither a preset nor a file of this name.
+        UnknownNameError: there is no preset of this name.
+        SymgraspError: there is no file of this name.
         FormatError: the file is not TOML, or its keys are not the keys of a gripper.
     """
     path = Path(name_or_path)
-    if not path.suffix:
-        path = GRIPPERS / f"{name_or_path}.toml"
-    if not path.is_file():
+    if path.suffix:
+        existing(path)
+    elif not (path := GRIPPERS / f"{name_or_path}.toml").is_file():
         raise UnknownNameError("gripper", name_or_path, [*preset_names(), "a TOML file"])
     content = read_toml(path, "see pipelines/grippers")
     names = {field.name for field in fields(Gripper)}
-    if set(content) != names:
-        wrong = sorted(set(content) ^ names)
-        found = f"{', '.join(wrong)[:LONGEST_REASON]} are missing or unknown"
-        raise FormatError(path, found, f"the keys are {', '.join(sorted(names))}")
+    for wrong, fault in (
+        (names - set(content), "lacks"),
+        (set(content) - names, "has the unknown"),
+    ):
+        if wrong:
+            found = f"{fault} {', '.join(sorted(wrong))[:LONGEST_REASON]}"
+            raise FormatError(path, found, f"the keys are {', '.join(sorted(names))}")
     with reading(path, "a measure", "metres, as in pipelines/grippers"):
         return Gripper(**content)

@@ -22,7 +22,7 @@ from pipelines.geometry.transforms import make_pose, transform_points, unit
 from pipelines.grasping.gripper import Gripper
 from pipelines.storage.files import existing, real_path
 
-WRITE_BY_HAND = "a gripper with two sliding joints is expected; else write the eleven measures"
+WRITE_BY_HAND = "a gripper with two sliding joints is expected; else write the ten lengths by hand"
 MAX_LINKS = 1000
 SQUARE = 0.9  # smallest cosine between a finger's motion and an axis of the palm's frame
 
@@ -254,5 +254,6 @@ def _number(path: Path, text: str | None) -> float:
     except ValueError:
         value = np.nan
     if not np.isfinite(value):
-        raise FormatError(path, f"has the value {str(text)[:80]!r}", "a number is expected")
+        expected = "a number is expected; expand a xacro file by the program xacro"
+        raise FormatError(path, f"has the value {str(text)[:80]!r}", expected)
     return value

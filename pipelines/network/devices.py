@@ -23,7 +23,9 @@ def find_device(name: str, process: int | None = None) -> torch.device:
     if kind == "cuda" and not number and process is not None:
         number, name = str(process), f"cuda:{process}"
     if kind == "cuda" and int(number or 0) >= torch.cuda.device_count():
-        raise ValueRangeError("--device", name, f"one of {torch.cuda.device_count()} GPUs, or cpu")
+        found = [f"cuda:{place}" for place in range(torch.cuda.device_count())]
+        known = " or ".join(["cpu", *found])
+        raise ValueRangeError("--device", name, f"{known}, the devices of this machine")
     return torch.device(name)
 
 

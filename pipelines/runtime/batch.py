@@ -76,9 +76,15 @@ class StageReport:
 
     @contextmanager
     def attempting(self, name: str) -> Iterator[None]:
-        """Count `name` as done, or as failed with the sentence of the error in the block."""
+        """Count `name` as done, or as failed with the sentence of the error in the block.
+
+        Raises:
+            WriteError: the result cannot be written, which would fail all others too.
+        """
         try:
             yield
+        except WriteError:
+            raise
         except (SymgraspError, OSError) as error:
             self.failed[name] = str(error)
         else:

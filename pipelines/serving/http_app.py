@@ -1,12 +1,14 @@
 """The HTTP application: `POST /grasps` returns the grasps of a frame, `GET /health` counts."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from typing import Any
 
 import anyio
 from fastapi import FastAPI, Request
 from fastapi.responses import JSONResponse, Response
+from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
 from pipelines.configs import ServeConfig
@@ -15,6 +17,7 @@ from pipelines.serving.posted_frames import PostedFrame, posted_frame
 
 Answer = Callable[[PostedFrame], str]  # the JSON text of a frame's grasps
 JSON_TYPE = "application/json"
+DISCARDED = 4  # bodies of this many times the largest size are received, then refused
 log = logging.getLogger(__name__)
 
 
@@ -39,7 +42,8 @@ def make_app(answer: Answer, facts: dict[str, Any], config: ServeConfig) -> Fast
     async def grasps(request: Request) -> Response:
         if counts["waiting"] >= config.max_waiting:
             counts["refused"] += 1
-            return _refusal(503, f"{counts['waiting']} frames are waiting; post again in a moment")
+            sentence = f"{counts['waiting']} frames are waiting; post again in a moment"
+            return await _refused_unread(request, 503, sentence, DISCARDED * config.max_bytes)
         counts["waiting"] += 1
         try:
             response = await _answered(request, answer, limiter, config)
@@ -47,6 +51,12 @@ def make_app(answer: Answer, facts: dict[str, Any], config: ServeConfig) -> Fast
             counts["waiting"] -= 1
         counts["answered" if response.status_code == 200 else "refused"] += 1
         return response
+
+    @app.exception_handler(HTTPException)
+    async def elsewhere(request: Request, error: HTTPException) -> Response:
+        asked = f"{request.method} {request.url.path}"
+        sentence = f"{asked} is not answered; POST /grasps and GET /health are"
+        return _refusal(error.status_code, sentence, error.headers)
 
     return app
 
@@ -57,9 +67,10 @@ async def _answered(
     """Return the grasps of the posted frame, or one sentence about its fault."""
     # Another type would let any web page that the user visits post here.
     if request.headers.get("content-type", "").partition(";")[0].strip() != JSON_TYPE:
-        return _refusal(415, f"the Content-Type is not {JSON_TYPE}")
+        sentence = f"the Content-Type is not {JSON_TYPE}"
+        return await _refused_unread(request, 415, sentence, DISCARDED * config.max_bytes)
     try:
-        body = await _body(request, config.max_bytes)
+        body = await _body(request, config.max_bytes, DISCARDED * config.max_bytes)
     except ClientDisconnect:
         return _refusal(400, "the client has gone")
     if body is None:
@@ -78,19 +89,33 @@ async def _answered(
     return Response(text, media_type=JSON_TYPE)
 
 
-async def _body(request: Request, most: int) -> bytes | None:
-    """Return the body of a request; None as soon as it is larger than `most` bytes."""
+async def _body(request: Request, most: int, received: int) -> bytes | None:
+    """Return the body of a request; None if it is larger than `most` bytes.
+
+    Up to `received` bytes are received and forgotten: most clients send all of a body before they
+    read the answer, and an earlier answer would be a broken pipe to them.
+    """
     declared = request.headers.get("content-length", "0")
-    if declared.isdecimal() and int(declared) > most:
+    if declared.isdecimal() and int(declared) > received:
         return None
-    parts, size = [], 0
+    parts: list[bytes] = []
+    size = 0
     async for part in request.stream():
         size += len(part)
-        if size > most:
+        if size > received:
             return None
-        parts.append(part)
-    return b"".join(parts)
+        if size <= most:
+            parts.append(part)
+        else:
+            parts.clear()
+    return b"".join(parts) if size <= most else None
 
 
-def _refusal(status: int, sentence: str) -> JSONResponse:
-    return JSONResponse({"error": sentence}, status_code=status)
+async def _refused_unread(request: Request, status: int, sentence: str, received: int) -> Response:
+    with suppress(ClientDisconnect):
+        await _body(request, 0, received)
+    return _refusal(status, sentence)
+
+
+def _refusal(status: int, sentence: str, headers: Mapping[str, str] | None = None) -> JSONResponse:
+    return JSONResponse({"error": sentence}, status_code=status, headers=headers)

@@ -76,6 +76,8 @@ def _image(key: str, content: object, max_pixels: int) -> NDArray[Any]:
             if key == "depth" and not image.mode.startswith("I"):
                 raise ValueRangeError("depth", f"of mode {image.mode}", "a PNG of 16 bits")
             array = np.asarray(image.convert(MODES[key]) if key == "color" else image)
+    except Image.DecompressionBombError:
+        raise ValueRangeError(key, "of too many pixels", f"at most {max_pixels}") from None
     except (OSError, SyntaxError, ValueError) as error:
         if isinstance(error, ValueRangeError):
             raise
@@ -105,7 +107,7 @@ def _bytes(key: str, content: object, expected: str) -> bytes:
     if not isinstance(content, str):
         raise ValueRangeError(key, f"a {type(content).__name__}", expected)
     try:
-        return b64decode(content, validate=True)
+        return b64decode("".join(content.split()), validate=True)  # lines of 76 letters, as MIME's
     except (NoBase64, ValueError):
         raise ValueRangeError(key, "no base64", expected) from None
 

@@ -1,5 +1,6 @@
 """Read and write whole files: nothing half-written, nothing unpickled, every fault one sentence."""
 
+import errno
 import io
 import json
 import math
@@ -20,9 +21,10 @@ from numpy.typing import NDArray
 
 from pipelines.contents import MAX_JSON_BYTES, UNFIT, json_value
 from pipelines.ending import remove_temporary
-from pipelines.errors import FormatError, MissingInputError, SymgraspError
+from pipelines.errors import FormatError, MissingInputError, SymgraspError, WriteError
 from pipelines.storage.temporary import new_temporary
 
+NO_SPACE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 LONGEST_NAME = 255  # bytes of a file name that file systems accept
 MAX_UNPACK_BYTES = 2**28  # of all arrays of an .npz: a frame of MAX_PIXELS and its colours
 NPY_MAGIC = b"\x93NUMPY"
@@ -47,13 +49,18 @@ DAMAGED = (
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
-    """Yield a temporary path next to `path`; on success it is synced and renamed to `path`."""
+    """Yield a temporary path next to `path`; on success it is synced and renamed to `path`.
+
+    Raises:
+        WriteError: there is no space.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = new_temporary(path, lambda made: made.touch(mode=0o600, exist_ok=False))
     try:
-        yield temporary
-        with temporary.open("rb") as stream:
-            os.fsync(stream.fileno())
+        with _no_space_reported(path):
+            yield temporary
+            with temporary.open("rb") as stream:
+                os.fsync(stream.fileno())
         temporary.chmod(0o666 & ~_umask())
         temporary.replace(path)
     finally:
@@ -65,16 +72,20 @@ def atomic_folder(path: Path) -> Iterator[Path]:
     """Yield a temporary folder next to `path`; on success it takes the place of `path`.
 
     If `path` is a link, its target is replaced.
+
+    Raises:
+        WriteError: there is no space.
     """
     path = real_path(path) if path.is_symlink() else path
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = new_temporary(path, lambda made: made.mkdir(mode=0o700))
     try:
-        yield temporary
-        for file in temporary.rglob("*"):
-            if file.is_file():
-                with file.open("rb") as stream:
-                    os.fsync(stream.fileno())
+        with _no_space_reported(path):
+            yield temporary
+            for file in temporary.rglob("*"):
+                if file.is_file():
+                    with file.open("rb") as stream:
+                        os.fsync(stream.fileno())
         temporary.chmod(0o777 & ~_umask())
         # An earlier folder is moved away whole: half deleted it would still have its stamp.
         earlier = temporary.with_name(f"{temporary.name}.earlier")
@@ -84,6 +95,19 @@ def atomic_folder(path: Path) -> Iterator[Path]:
         shutil.rmtree(earlier, ignore_errors=True)
     finally:
         remove_temporary(temporary)
+
+
+@contextmanager
+def _no_space_reported(path: Path) -> Iterator[None]:
+    """Name `path` in errors of a full disk, which name no file or a temporary one."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in NO_SPACE:
+            raise
+        raise WriteError(path, os.strerror(error.errno)) from error
+    except WriteError as error:
+        raise WriteError(path, error.why) from error
 
 
 def _umask() -> int:
@@ -189,8 +213,9 @@ def within(folder: Path, path: Path) -> Path:
 
 def write_npy(path: Path, array: NDArray[Any]) -> None:
     """Write `array` as .npy atomically."""
-    with atomic_path(path) as temporary, temporary.open("wb") as stream:
-        np.save(stream, array, allow_pickle=False)
+    content = io.BytesIO()  # numpy's own writing of files hides the error of a full disk
+    np.save(content, array, allow_pickle=False)
+    write_bytes(path, content.getbuffer())
 
 
 def read_npy(path: Path) -> NDArray[Any]:

@@ -15,7 +15,9 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
+from io import FileIO
 from pathlib import Path
+from typing import Any
 
 import h5py
 from h5py import h5d, h5g, h5l, h5o
@@ -35,12 +37,48 @@ MAX_UNPACK_RATIO = 20
 OUTSIDE = "only data in the file itself is read; write it again with all its data inside"
 
 
+class _NewFile(FileIO):
+    """A file that keeps its first error of writing: HDF5 crashes if it cannot write."""
+
+    error: OSError | None = None
+
+    def write(self, data: Any) -> int:  # noqa: ANN401 - a buffer
+        left = memoryview(data)
+        try:
+            while left and self.error is None:
+                left = left[super().write(left) or 0 :]
+        except OSError as error:
+            self.error = error
+        return len(data)
+
+    def truncate(self, size: int | None = None) -> int:
+        try:
+            return super().truncate(size)
+        except OSError as error:
+            self.error = self.error or error
+            return size or 0
+
+    def readinto(self, buffer: Any) -> int:  # noqa: ANN401 - a buffer
+        """Read as many bytes as wanted: zeros where nothing was written, as HDF5 expects."""
+        view = memoryview(buffer)
+        got = super().readinto(view) or 0
+        view[got:] = bytes(len(view) - got)
+        return len(view)
+
+
 @contextmanager
 def new_h5(path: Path) -> Iterator[h5py.File]:
-    """Yield a file to fill, which appears at `path` once it is complete, with its check sum."""
+    """Yield a file to fill, which appears at `path` once it is complete, with its check sum.
+
+    Raises:
+        WriteError: there is no space.
+    """
     with atomic_path(path) as temporary:
-        with h5py.File(temporary, "w") as file:
-            yield file
+        with _NewFile(temporary, "w+") as stream:
+            with h5py.File(stream, "w") as file:
+                yield file
+            if stream.error is not None:
+                raise stream.error
         size = temporary.stat().st_size
         if size <= MOST_BYTES:
             seal = SEAL.pack(MARK, size, _check_sum(temporary, size))

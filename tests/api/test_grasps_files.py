@@ -52,7 +52,7 @@ def test_a_failed_frame_has_no_grasps_and_gives_the_reason(tmp_path):
 
 def test_a_missing_frame_raises_a_key_error_of_one_sentence(tmp_path):
     frames = read_grasps(written(tmp_path / "g.h5"))
-    with pytest.raises(SymgraspError, match=r"frame of .*g.h5 'a' is not known; known are b, c"):
+    with pytest.raises(SymgraspError, match=r"^frame of .*g.h5 'a' is not known; known are b, c"):
         frames["a"]
     assert frames.get("a") is None
 

@@ -42,6 +42,8 @@ FILES = {
     "bare.json": json.dumps(ROWS),
     "flat.json": json.dumps(T_BASE_CAM.ravel().tolist()),
     "named.json": json.dumps({"T_base_cam": ROWS, "rms": 0.4}),
+    "savetxt.txt": "\n".join(" ".join(map(repr, row)) for row in ROWS),
+    "commas.txt": "\n".join(", ".join(map(repr, row)) for row in ROWS),
     "matrix.yaml": f"camera_to_base: {ROWS}\n",
     "lists.yaml": f"position: [0.5, -0.2, 0.8]\norientation: [{X}, {Y}, {Z}, {W}]\n",
     "easy_handeye.yaml": EASY_HANDEYE,
@@ -59,6 +61,14 @@ def test_the_pose_is_read_from_the_file_of_every_tool(name, tmp_path):
         assert found.base == "base_link"
 
 
+def test_the_pose_is_read_from_an_array_that_numpy_saved(tmp_path):
+    np.save(tmp_path / "x.npy", T_BASE_CAM)
+    assert_allclose(read_hand_eye(tmp_path / "x.npy").T_base_cam, T_BASE_CAM, atol=1e-9)
+    np.save(tmp_path / "x.npy", T_BASE_CAM[:3])
+    with pytest.raises(FormatError, match="holds no pose"):
+        read_hand_eye(tmp_path / "x.npy")
+
+
 @pytest.mark.parametrize(
     ("name", "text", "sentence"),
     [
@@ -71,6 +81,8 @@ def test_the_pose_is_read_from_the_file_of_every_tool(name, tmp_path):
         ("g.json", "null", "holds no pose"),
         ("h.json", json.dumps([[1, 2], [3]]), "holds no pose"),
         ("i.launch", "<launch/>", "publishes no static transform"),
+        ("k.txt", "fx = 600", "does not hold numbers alone"),
+        ("l.txt", "1 2 3", "holds no pose"),
         ("j.yaml", "parameters: 3\ntransformation: [1, 2]\n", "holds no pose"),
     ],
 )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from pipelines.errors import FormatError, UnknownNameError, ValueRangeError
+from pipelines.errors import FormatError, SymgraspError, UnknownNameError, ValueRangeError
 from pipelines.grasp_files.gripper_files import GRIPPERS, gripper_digest, load_gripper, preset_names
 
 
@@ -55,8 +55,13 @@ def test_the_digest_covers_only_the_measures(tmp_path):
 def test_wrong_gripper_files_are_refused_with_a_sentence(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text('name = "mine"\n')
-    with pytest.raises(FormatError, match="max_opening"):
+    with pytest.raises(FormatError, match=r"lacks .*max_opening"):
         load_gripper(str(path))
+    path.write_text((GRIPPERS / "rg2.toml").read_text() + "colour = 3\n")
+    with pytest.raises(FormatError, match="has the unknown colour; the keys"):
+        load_gripper(str(path))
+    with pytest.raises(SymgraspError, match=r"missing\.toml does not exist"):
+        load_gripper(str(tmp_path / "missing.toml"))
     path.write_text("name = ")
     with pytest.raises(FormatError, match="TOML"):
         load_gripper(str(path))

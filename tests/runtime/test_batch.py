@@ -5,9 +5,9 @@ import dataclasses
 import h5py
 import pytest
 
-from pipelines.errors import SymgraspError
+from pipelines.errors import SymgraspError, WriteError
 from pipelines.runtime import batch
-from pipelines.runtime.batch import BatchOptions, WorkItem, run_batch
+from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.storage.files import write_json
 from pipelines.storage.provenance import make_stamp
 
@@ -106,3 +106,12 @@ def test_an_output_whose_stamp_is_no_json_object_is_refused(tmp_path, stamp):
         file.attrs["provenance"] = stamp
     report = run_batch("toy", [item], step, QUIET)
     assert "was made with other settings" in report.failed["a"]
+
+
+def test_a_result_that_cannot_be_written_ends_the_stage():
+    report = StageReport("toy")
+    with report.attempting("a"):
+        raise SymgraspError("a is bad; good would be right")
+    with pytest.raises(WriteError), report.attempting("b"):
+        raise WriteError("b", "no space")
+    assert list(report.failed) == ["a"]

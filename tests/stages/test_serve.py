@@ -95,8 +95,13 @@ def test_pictures_and_raw_arrays_reach_the_detector_unchanged(as_posted):
     assert (seen["intrinsics"], seen["workspace"]) == ([9, 9, 8, 6], [0, 0, 0, 1, 1, 1])
 
 
-def bomb() -> str:
-    return png(np.zeros((1200, 1200), np.uint16))
+def test_base64_in_lines_is_read():
+    lines = {key: base64.encodebytes(base64.b64decode(post()[key])).decode() for key in ("color",)}
+    assert client_of().post("/grasps", json=post(**lines)).status_code == 200
+
+
+def bomb(side=1200) -> str:
+    return png(np.zeros((side, side), np.uint16))
 
 
 @pytest.mark.parametrize(
@@ -110,6 +115,7 @@ def bomb() -> str:
         (post(color=png(DEPTH)[:60]), "no such picture"),
         (post(depth=png(COLOR)), "a PNG of 16 bits"),
         (post(depth=bomb()), "of 1440000 pixels"),
+        (post(depth=bomb(14_000)), "at most 1000000"),
         (post(depth={**raw(DEPTH), "dtype": "object"}), "uint16 or float32"),
         (post(depth={**raw(DEPTH), "shape": [10**9, 10**9]}), "height, width"),
         (post(depth={**raw(DEPTH), "shape": [12, 15]}), "384 bytes"),
@@ -147,6 +153,56 @@ def test_sizes_types_and_depths_of_bodies_have_limits():
     assert client.post("/grasps", content=b"[" * 4000, headers=head).status_code == 400
     plain = {"Content-Type": "text/plain"}
     assert client.post("/grasps", content=b"{}", headers=plain).status_code == 415
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status"), [("GET", "/grasps", 405), ("POST", "/", 404), ("PUT", "/x", 404)]
+)
+def test_other_requests_are_told_which_are_answered(method, path, status):
+    answer = client_of().request(method, path)
+    sentence = f"{method} {path} is not answered; POST /grasps and GET /health are"
+    assert (answer.status_code, answer.json()) == (status, {"error": sentence})
+
+
+def test_a_port_in_use_is_reported_in_one_sentence():
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(SymgraspError, match=rf"--port {port} .* on \(Address already in use\)"):
+            serve.listening(ServeConfig(port=port))
+    for each in serve.listening(ServeConfig(port=port)):
+        each.close()
+    with pytest.raises(SymgraspError, match=r"--host no.invalid .*choose another"):
+        serve.listening(ServeConfig(host="no.invalid"))
+
+
+REFUSING = """
+from pipelines import serve
+from pipelines.configs import ServeConfig
+from pipelines.grasp_files.gripper_files import load_gripper
+
+config = ServeConfig(port=0, max_bytes=20_000_000)
+sockets = serve.listening(config)
+print(sockets[0].getsockname()[1], flush=True)
+serve.run(serve.app_of(None, load_gripper("rg2"), config), config, sockets)
+"""
+
+
+@pytest.mark.parametrize(
+    ("kind", "size", "status"),
+    [("application/json", 60_000_000, 413), ("text/plain", 15_000_000, 415)],
+)
+def test_a_client_that_sends_all_before_it_reads_gets_the_refusal(kind, size, status):
+    command = [sys.executable, "-c", REFUSING]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as server:
+        try:
+            url = f"http://127.0.0.1:{int(server.stdout.readline())}/grasps"
+            request = urllib.request.Request(url, b"x" * size, {"Content-Type": kind})
+            with pytest.raises(urllib.error.HTTPError) as refused:
+                urllib.request.urlopen(request, timeout=60)
+            assert refused.value.code == status
+            assert "error" in json.load(refused.value)
+        finally:
+            server.terminate()
 
 
 def test_errors_of_a_frame_are_reported_in_one_sentence_and_internal_faults_are_hidden():
@@ -230,7 +286,7 @@ def detect(*_args, **_options):
 
 end_on_signals()
 config = ServeConfig(port=int(sys.argv[1]), grace=int(sys.argv[2]))
-serve.run(serve.app_of(detect, load_gripper("rg2"), config), config)
+serve.run(serve.app_of(detect, load_gripper("rg2"), config), config, serve.listening(config))
 """
 
 

@@ -3,15 +3,19 @@
 import contextlib
 import json
 import os
+import sys
 import zipfile
 
 import cv2
 import numpy as np
 import pytest
 
-from pipelines.errors import FormatError, SymgraspError
+from pipelines.errors import FormatError, SymgraspError, WriteError
 from pipelines.storage import files, images
 from pipelines.storage.files import atomic_folder, read_json, read_npy, within
+from tests.storage.full_disk import little_space
+
+NOISE = np.random.default_rng(0).integers(0, 255, (60, 60, 3), np.uint8)
 
 
 @pytest.mark.parametrize("name", ["n" * 251 + ".txt", "漢" * 83 + ".txt", os.fsdecode(b"\xe9.txt")])
@@ -157,6 +161,28 @@ def test_a_folder_is_replaced_completely_or_not_at_all(tmp_path, monkeypatch, mo
     found = {path.read_text() for path in target.glob("*")}
     assert found == [{"earlier"}, set(), {"new"}][moment]
     assert target.is_dir() == bool(found)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit of file sizes")
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda path: files.write_bytes(path, bytes(9000)),
+        lambda path: files.write_npy(path, np.arange(9000)),
+        lambda path: files.write_npz(path, x=np.arange(9000), compress=False),
+        lambda path: images.write_image(path, NOISE),
+    ],
+)
+def test_a_full_disk_is_reported_with_the_path_and_leaves_nothing(write, tmp_path):
+    with (
+        little_space(4096),
+        pytest.raises(WriteError, match=r"/x.png cannot be written \(File too"),
+    ):
+        write(tmp_path / "x.png")
+    no_space = pytest.raises(WriteError, match=r"/x cannot be written \(File too")
+    with little_space(4096), no_space, atomic_folder(tmp_path / "x") as folder:
+        write(folder / "y.png")
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_link_that_leads_out_of_an_output_folder_is_refused(tmp_path):

@@ -1,6 +1,7 @@
 """HDF5 files end with a check sum, so that damage is reported before HDF5 reads the file."""
 
 import os
+import sys
 
 import h5py
 import numpy as np
@@ -8,10 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipelines.errors import FormatError, SymgraspError
+from pipelines.errors import FormatError, SymgraspError, WriteError
 from pipelines.storage.h5_columns import write_columns
 from pipelines.storage.h5_files import MARK, SEAL, new_h5, open_h5
 from pipelines.storage.provenance import read_stamp
+from tests.storage.full_disk import little_space
 
 COLUMNS = {"name": ["a", "bb", "ü"], "value": np.arange(300.0).reshape(3, 100)}
 
@@ -57,6 +59,26 @@ def test_a_cut_off_file_is_reported_in_one_sentence(sound, tmp_path_factory, sha
     cut.write_bytes(whole[: int(share * (len(whole) - SEAL.size))])
     with pytest.raises(FormatError, match="not a whole HDF5 file"):
         open_h5(cut)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit of file sizes")
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.9, 0.999])
+def test_a_full_disk_is_reported_in_one_sentence_and_leaves_nothing(share, tmp_path, capfd):
+    def write(path):
+        with new_h5(path) as file:
+            for group in range(9):
+                columns = {f"{column}": np.full((400, 3), group) for column in range(9)}
+                write_columns(file.create_group(str(group)), columns)
+
+    write(tmp_path / "whole.h5")
+    size = (tmp_path / "whole.h5").stat().st_size
+    with (
+        little_space(int(share * size)),
+        pytest.raises(WriteError, match=r"/x.h5 cannot .*File too"),
+    ):
+        write(tmp_path / "x.h5")
+    assert [path.name for path in tmp_path.iterdir()] == ["whole.h5"]
+    assert capfd.readouterr().err == ""
 
 
 def test_files_of_other_programs_and_edited_files_are_opened(sound, tmp_path):

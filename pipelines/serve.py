@@ -7,6 +7,7 @@ By default the server listens on this machine alone, as it checks no passwords. 
 or Ctrl-C, once the frames in progress are answered or the grace period is over.
 """
 
+import errno
 import json
 import socket
 import threading
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
 STAGE = "serve"
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
+NO_SUCH_ADDRESS = {errno.EADDRNOTAVAIL, errno.EAFNOSUPPORT}
 Detect = Callable[..., FrameResult]  # (color, depth, intrinsics, **options)
 
 
@@ -64,7 +66,7 @@ def app_of(
 
 
 def listening(config: ServeConfig) -> list[socket.socket]:
-    """Return sockets that listen on all addresses of the host.
+    """Return sockets that listen on all addresses of the host that this machine has.
 
     Raises:
         SymgraspError: the host is unknown, or the port is in use or not allowed.
@@ -72,8 +74,13 @@ def listening(config: ServeConfig) -> list[socket.socket]:
     opened: list[socket.socket] = []
     try:
         found = socket.getaddrinfo(config.host, config.port, type=socket.SOCK_STREAM)
-        for family, _kind, _protocol, _name, address in dict.fromkeys(found):
-            opened.append(socket.create_server(address[:2], family=family))
+        # IPv4 first: a machine without IPv6 may have an IPv6 address for `localhost`.
+        for family, _kind, _protocol, _name, address in sorted(dict.fromkeys(found)):
+            try:
+                opened.append(socket.create_server(address[:2], family=family))
+            except OSError as error:
+                if not opened or error.errno not in NO_SUCH_ADDRESS:
+                    raise
     except OSError as error:
         for each in opened:
             each.close()

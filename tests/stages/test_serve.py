@@ -175,6 +175,19 @@ def test_a_port_in_use_is_reported_in_one_sentence():
         serve.listening(ServeConfig(host="no.invalid"))
 
 
+def test_addresses_that_the_machine_lacks_are_left_out(monkeypatch):
+    """Some hosts name an IPv6 address for `localhost` and have no IPv6."""
+    kind = socket.SOCK_STREAM, 6, ""
+    found = [
+        (socket.AF_INET6, *kind, ("2001:db8::1", 0, 0, 0)),
+        (socket.AF_INET, *kind, ("127.0.0.1", 0)),
+    ]
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_args, **_kwargs: found)
+    (opened,) = serve.listening(ServeConfig(host="localhost"))
+    assert opened.family == socket.AF_INET
+    opened.close()
+
+
 REFUSING = """
 from pipelines import serve
 from pipelines.configs import ServeConfig

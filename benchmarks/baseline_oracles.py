@@ -21,8 +21,9 @@ from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.peers.hands import hand_grasps
+from pipelines.grasping.ranking.ranking import non_maximum_suppression
 from pipelines.inference.observation import observe
-from pipelines.inference.peers.frame_plans import chosen_grasps
+from pipelines.inference.peers.frame_plans import MOST_GRASPS, NMS_ANGLE, NMS_DISTANCE, best_first
 from pipelines.inference.peers.pointnetgpd import MOST_SCORED, scene_hands
 from pipelines.metrics.grasp_verdicts import qualities
 
@@ -51,8 +52,9 @@ def best_qualities(root: GraspNetRoot, variant: str) -> dict[str, list[float]]:
             hands, _ = scene_hands(seen.scene, rng, MOST_SCORED[variant])
             grasps = hand_grasps(hands, gripper)
             score = true_qualities(grasps, truth, gripper)
-            kept = ScoredGrasps(*chosen_grasps(grasps, score, seen.scene))
-            row = owned_by_nearest(kept, truth).predictions
+            grasps, score = best_first(grasps, score, seen.scene)
+            kept = non_maximum_suppression(grasps, NMS_DISTANCE, NMS_ANGLE)[:MOST_GRASPS]
+            row = owned_by_nearest(ScoredGrasps(grasps[kept], score[kept]), truth).predictions
             missing = [0.0] * (len(truth.visible) - len(row.rank_score))
             found.setdefault(truth.split, []).extend([*row.rank_score, *missing])
             print(files.name, len(hands), np.mean([*row.rank_score, *missing]).round(3), flush=True)  # noqa: T201

@@ -21,6 +21,7 @@ from pipelines.metrics.mesh_collision import MeshCollider
 NUM_GRASPS = 4000
 NUM_COLLIDED = 500
 NUM_ROWS = 1024  # grasps of a frame, as in a detector's dump
+DEPTH = 0.02  # metres from GraspNet's origin to the finger tips
 COPIES = 3  # copies of each shape in a frame
 SHAPES = {
     "box": trimesh.creation.box((0.06, 0.04, 0.1)),
@@ -95,7 +96,7 @@ def _frames(meshes: dict[str, Mesh], rng: np.random.Generator) -> Measurement:
         pose = make_pose(np.eye(3), [0.13 * (place // COPIES), 0.13 * (place % COPIES), 0.05])
         poses.append(pose.astype(np.float32))
         grasps = _grasps(mesh, "antipodal", rng)[: NUM_ROWS // len(objects)].transformed(pose)
-        rows.append(to_graspnet(grasps, rng.random(len(grasps)), tip_reach=0.0))
+        rows.append(to_graspnet(grasps, rng.random(len(grasps)), depth=DEPTH, tip_reach=0.0))
     scene, every = PeerScene(objects, poses, np.eye(4)), np.concatenate(rows)
     rate = 1.0 / cpu_seconds_of(lambda: score_rows(every, scene))
     note = f"{rate / PEER_FRAMES:.0f} times graspnetAPI; {len(every)} grasps, nine objects"

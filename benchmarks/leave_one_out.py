@@ -205,7 +205,7 @@ def rule_differences(
 def _run(reports: Sequence[Path], name: str) -> EvaluatedRun:
     run = read_run(reports[0], name, DEFAULT_ROW)
     for other in reports[1:]:
-        read_run(other, name, DEFAULT_ROW, into=run)
+        read_run(other, name, DEFAULT_ROW, run)
     return run
 
 

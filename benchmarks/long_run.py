@@ -94,8 +94,8 @@ def _smaller(
     color = cv2.resize(color, (width, height), interpolation=cv2.INTER_AREA)
     scaled = {name: SCALE * camera[name] for name in ("fx", "fy", "cx", "cy")}
     scaled |= {"width": width, "height": height, "depth_scale": camera["depth_scale"]}
-    data = (cv2.imencode(".png", image)[1].tobytes() for image in (color, depth))
-    return PngFrame(*data, scaled)
+    color_png, depth_png = (cv2.imencode(".png", each)[1].tobytes() for each in (color, depth))
+    return PngFrame(color_png, depth_png, scaled)
 
 
 def run(out: Path, minutes: float, pause: float, backlog: float = 0.0) -> list[HeldSample]:

@@ -18,7 +18,7 @@ from pipelines.array_types import Array
 from pipelines.configs import EvaluateConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.evaluation.records import FrameRecord, read_frame_records, records_folder
-from pipelines.evaluation.trial_records import OURS
+from pipelines.evaluation.rows import OURS
 from pipelines.evaluation.truth import TruthReader
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.geometry.rendering import first_hits
@@ -99,10 +99,11 @@ def main(report: Path, root: GraspNetRoot) -> None:
                 label = f"{frame.name} object {verdict.object_id:03d}: {verdict.reason}"
                 sys.stdout.write(f"{label}, the best hand found {best:.2f}\n")
     for split, tally in tallies.items():
-        held, best = np.array(tally.held), np.array(tally.best)
+        is_held, quality = np.array(tally.held), np.array(tally.best)
+        more, none = (~is_held & (quality > 0)).sum(), (quality == 0).sum()
         sys.stdout.write(
-            f"{split}: {len(held)} objects, {held.sum()} held, {(~held & (best > 0)).sum()} more "
-            f"could be, {(best == 0).sum()} by no hand found; best quality {best.mean():.3f}\n"
+            f"{split}: {len(is_held)} objects, {is_held.sum()} held, {more} more could be, "
+            f"{none} by no hand found; best quality {quality.mean():.3f}\n"
         )
 
 

@@ -153,7 +153,7 @@ def _scored_slots(
 ) -> dict[str, ScoredPredictions]:
     """Return the verdicts on every slot of every region; AP ranks slots of any confidence."""
     predicted = [
-        PredictedSymmetry(symmetry, float(region.existence[slot]), owner)
+        PredictedSymmetry(symmetry, float(region.probability[slot]), owner)
         for region, owner in zip(slots, owners.instance, strict=True)
         for slot, symmetry in region.between(0.0)
     ]

@@ -147,7 +147,7 @@ def test_left_out_candidates_are_missing_from_the_proposals():
     points, normals = np.random.default_rng(0).normal(size=(2, 60, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     slots = SymmetrySlots.of(())
-    slots.existence[:], slots.point[:], slots.direction[:] = 1.0, 0.0, [0.0, 0.0, 1.0]
+    slots.probability[:], slots.point[:], slots.direction[:] = 1.0, 0.0, [0.0, 0.0, 1.0]
     every, sources = starting_axes(slots, points, normals, None)
     fewer, kept = axes_without([0])(slots, points, normals, None)
     assert [axis.direction.tolist() for axis in fewer] == [

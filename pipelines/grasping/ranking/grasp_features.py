@@ -88,7 +88,7 @@ class GraspFeatures:
     def _slot_confidence(self) -> Array:
         """Confidence (k,) in the symmetry of each grasp; 0 without a symmetry."""
         slot = self.found.slot
-        return np.where(slot >= 0, self.known.symmetries.existence[np.maximum(slot, 0)], 0.0)
+        return np.where(slot >= 0, self.known.symmetries.probability[np.maximum(slot, 0)], 0.0)
 
     def points(self) -> Singles:
         """Return the `POINT_FEATURES` (k, 64, 11) of the points nearest to each closing gripper."""
@@ -132,7 +132,7 @@ CANDIDATE_BLOCKS: dict[tuple[str, ...], Callable[[GraspFeatures], Array | Single
         of.found.grasps, of.known.region
     ),
     tuple(f"confidence_{slot}" for slot in range(NUM_SLOTS)): lambda of: np.broadcast_to(
-        of.known.symmetries.existence, (len(of.found), NUM_SLOTS)
+        of.known.symmetries.probability, (len(of.found), NUM_SLOTS)
     ),
 }
 CANDIDATE_FEATURES = tuple(name for names in CANDIDATE_BLOCKS for name in names)

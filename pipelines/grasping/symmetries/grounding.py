@@ -142,7 +142,7 @@ def axis_evidence(
     axes, feet = np.array([fit.direction for fit in fits]), np.array([fit.point for fit in fits])
     images = _turned(points[::STRIDE], axes, feet)
     free = in_observed_frustum(images.reshape(-1, 3), scene).reshape(images.shape[:-1])
-    existence = np.full(len(fits), slots.existence[ROTATION_SLOT])
+    existence = np.full(len(fits), slots.probability[ROTATION_SLOT])
     support = np.array([fit.support for fit in fits])
     rows = np.stack([existence, support, free.mean(axis=(0, 2))], axis=1)
     symmetries = [RotationSymmetry(*each) for each in zip(axes, feet, strict=True)]
@@ -229,6 +229,6 @@ def sphere_evidence(
     fit = fit_sphere(start, points, normals)
     sphere = SphereSymmetry(fit.point)
     free = in_observed_frustum(sphere.counterpart(points), scene)
-    existence = float(slots.existence[SPHERE_SLOT])
+    existence = float(slots.probability[SPHERE_SLOT])
     row = np.array([[existence, fit.support, free.mean()]])
     return Evidence([sphere], row, np.array([NETWORK if by_network else SHAPE]))

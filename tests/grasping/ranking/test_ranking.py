@@ -78,7 +78,9 @@ def test_the_expected_weight_is_on_the_symmetries_by_their_confidence():
     middle, plane = KNOWN.region.middle, KNOWN.symmetries.symmetry(0)
 
     def off_plane(confidence):
-        symmetries = replace(KNOWN.symmetries, existence=confidence * KNOWN.symmetries.existence)
+        symmetries = replace(
+            KNOWN.symmetries, probability=confidence * KNOWN.symmetries.probability
+        )
         return (replace(KNOWN, symmetries=symmetries).centre - plane.point) @ plane.normal
 
     assert abs(off_plane(0.0)) > 0.01

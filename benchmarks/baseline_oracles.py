@@ -48,11 +48,11 @@ def best_qualities(root: GraspNetRoot, variant: str) -> dict[str, list[float]]:
     for scene in root.scenes():
         for files in scene.frames():
             rng, truth = np.random.default_rng(0), reader.read(files)
-            seen = observe(root.read_frame(files), InferConfig(regions="geometric"), rng)
-            hands, _ = scene_hands(seen.scene, rng, MOST_SCORED[variant])
+            observation = observe(root.read_frame(files), InferConfig(regions="geometric"), rng)
+            hands, _ = scene_hands(observation.scene, rng, MOST_SCORED[variant])
             grasps = hand_grasps(hands, gripper)
             score = true_qualities(grasps, truth, gripper)
-            grasps, score = best_first(grasps, score, seen.scene)
+            grasps, score = best_first(grasps, score, observation.scene)
             kept = non_maximum_suppression(grasps, NMS_DISTANCE, NMS_ANGLE)[:MOST_GRASPS]
             row = owned_by_nearest(ScoredGrasps(grasps[kept], score[kept]), truth).predictions
             missing = [0.0] * (len(truth.visible) - len(row.rank_score))

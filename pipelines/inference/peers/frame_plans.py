@@ -33,7 +33,7 @@ FrameMethod = Callable[[Frame, SceneCloud, np.random.Generator], tuple[GraspPose
 def plans_of_frame(
     peer: FrameMethod,
     frame: Frame,
-    seen: Observation,
+    observation: Observation,
     gripper: Gripper,
     config: InferConfig,
     rng: np.random.Generator,
@@ -42,11 +42,11 @@ def plans_of_frame(
 
     Grasps on no region belong to an additional last region, the rest of the image.
     """
-    grasps, score = best_first(*peer(frame, seen.scene, rng), seen.scene)
-    regions, clouds = seen.in_workspace()
+    grasps, score = best_first(*peer(frame, observation.scene, rng), observation.scene)
+    regions, clouds = observation.in_workspace()
     owner = region_of_each(grasps, clouds)
     if config.selects_for_peers:
-        kept = feasible_grasps(grasps, owner, clouds, seen.scene, gripper, config.selection)
+        kept = feasible_grasps(grasps, owner, clouds, observation.scene, gripper, config.selection)
         grasps, score, owner = grasps[kept], score[kept], owner[kept]
     kept = non_maximum_suppression(grasps, NMS_DISTANCE, NMS_ANGLE)[:MOST_GRASPS]
     owner = owner[kept]

@@ -16,7 +16,6 @@ from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.evaluation.frame_scores import owned_by_nearest
 from pipelines.evaluation.predictions import ScoredGrasps
 from pipelines.evaluation.truth import FrameTruth, TruthReader
-from pipelines.geometry.transforms import invert, transform_points
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
@@ -30,14 +29,9 @@ from pipelines.metrics.grasp_verdicts import qualities
 
 def true_qualities(grasps: GraspPoses, truth: FrameTruth, gripper: Gripper) -> Array:
     """Return (n,) the quality of each grasp at the object with the surface nearest to the grasp."""
-    scene, ids = truth.scene, sorted(truth.scene.poses)
-    away = [
-        scene.objects[i].tree.query(transform_points(invert(scene.poses[i]), grasps.translation))[0]
-        for i in ids
-    ]
-    owner, found = np.array(ids)[np.argmin(away, axis=0)], np.zeros(len(grasps))
+    owner, found = truth.scene.nearest_object(grasps.translation), np.zeros(len(grasps))
     for i in np.unique(owner).tolist():
-        found[owner == i] = qualities(scene, i, grasps[owner == i], gripper)
+        found[owner == i] = qualities(truth.scene, i, grasps[owner == i], gripper)
     return found
 
 
@@ -55,21 +49,21 @@ def best_qualities(root: GraspNetRoot, variant: str) -> dict[str, list[float]]:
             grasps, score = best_first(grasps, score, observation.scene)
             kept = non_maximum_suppression(grasps, NMS_DISTANCE, NMS_ANGLE)[:MOST_GRASPS]
             row = owned_by_nearest(ScoredGrasps(grasps[kept], score[kept]), truth).predictions
-            missing = [0.0] * (len(truth.visible) - len(row.rank_score))
-            found.setdefault(truth.split, []).extend([*row.rank_score, *missing])
-            print(files.name, len(hands), np.mean([*row.rank_score, *missing]).round(3), flush=True)  # noqa: T201
+            best = [max(quality, 0.0) for quality in row.rank_score]  # -inf without a grasp
+            found.setdefault(truth.split, []).extend(best)
+            sys.stderr.write(f"{files.name}: {len(hands)} hands, quality {np.mean(best):.3f}\n")
     return found
 
 
 def main() -> None:
+    """Print the mean quality of each variant by split."""
     root = GraspNetRoot.finished(Path(sys.argv[1]))
     for variant in MOST_SCORED:
         found = best_qualities(root, variant)
-        for split, values in [
-            *found.items(),
-            ("all", [v for each in found.values() for v in each]),
-        ]:
-            print(f"{variant} {split}: {np.mean(values):.3f} of {len(values)} objects")  # noqa: T201
+        found["all"] = [quality for split in found.values() for quality in split]
+        for split, values in found.items():
+            mean = np.mean(values)
+            sys.stdout.write(f"{variant} {split}: {mean:.3f} of {len(values)} objects\n")
 
 
 if __name__ == "__main__":

@@ -195,7 +195,7 @@ class Expecting:
         self.direction, self.most = direction, most
 
     def __call__(self, features):
-        return self.most * np.abs(features.found.grasps.closing @ self.direction)
+        return self.most * np.abs(features.feasible.grasps.closing @ self.direction)
 
 
 def test_the_critic_decides_on_the_plane_of_the_best_grasp():
@@ -472,8 +472,8 @@ def test_the_ranking_orders_the_most_stable_grasps():
 
     def lowest_first(features):
         stability, visible = features.stability, features.visible
-        scored.append((len(features.found), stability.min() / stability.max(), visible))
-        return -scene.plane.height(features.found.grasps.translation)
+        scored.append((len(features.feasible), stability.min() / stability.max(), visible))
+        return -scene.plane.height(features.feasible.grasps.translation)
 
     def ranked(min_stability, most):
         settings = {

@@ -15,7 +15,7 @@ def seen(*shapes, elevation=0.7):
     """Return labels 1, 2, ... for `shapes`, and the `ObjectCriteria` of their image."""
     depth, index = render(shapes, looking_at_table(elevation=elevation))
     regions = geometric_regions(depth, CAMERA, RegionConfig(), np.random.default_rng(0))
-    return (index + 1).astype(np.int32), regions.things
+    return (index + 1).astype(np.int32), regions.criteria
 
 
 @pytest.mark.parametrize("elevation", [0.6, 0.8, 1.0])

@@ -154,7 +154,7 @@ class Collector:
             if object_id < 0:
                 continue
             for features in self._tried(model, scene, rng):
-                chosen = np.sort(rng.permutation(len(features.found))[: self.config.max_grasps])
+                chosen = np.sort(rng.permutation(len(features.feasible))[: self.config.max_grasps])
                 candidates = features.candidates()[chosen]
                 opened = self._opened(features, model, scene)[chosen]
                 yield CriticRows.of_group(
@@ -162,7 +162,7 @@ class Collector:
                     candidates[:, :0],
                     candidates,
                     qualities(frame.true_scene, object_id, opened, self.gripper),
-                    features.found.slot[chosen],
+                    features.feasible.slot[chosen],
                 )
 
     def _tried(
@@ -173,7 +173,7 @@ class Collector:
 
         def critic(features: GraspFeatures) -> Array:
             seen.append(features)
-            return HIGHEST_SCORE * rng.random(len(features.found))
+            return HIGHEST_SCORE * rng.random(len(features.feasible))
 
         RegionPlanner(self.gripper, self.config.infer.selection, critic).plan(model, scene)
         return seen
@@ -184,7 +184,7 @@ class Collector:
         cap = selection.ranking.clearance_cap
         feasibility = Feasibility.at(model.cloud, scene, self.gripper, selection.feasibility, cap)
         feasibility = feasibility.with_unseen(unseen.others).with_unseen(unseen.own)
-        return with_opening_margin(features.found, feasibility, cap).grasps
+        return with_opening_margin(features.feasible, feasibility, cap).grasps
 
 
 def _evidence_rows(evidence: Evidence[Fitted], truth: TrueRegion, slot: int) -> CriticRows:

@@ -15,7 +15,7 @@ HEIGHTS = (-0.05, 0.3)  # metres above the table
 
 
 @dataclass(frozen=True)
-class KnownRegion:
+class RegionContext:
     """A region with its surroundings, for the grasp critic. Camera frame, metres.
 
     Attributes:

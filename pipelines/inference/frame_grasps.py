@@ -142,7 +142,7 @@ class Planner:
             for plan, region in zip(plans, regions, strict=True)
         ]
         plans = [
-            plan.with_scores_times(region.confidence) if region.is_rated else plan
+            plan.weighted_by(region.confidence) if region.is_rated else plan
             for plan, region in zip(plans, regions, strict=True)
         ]
         return regions, plans

@@ -34,8 +34,8 @@ class Plan:
         """Whether the best grasp is a symmetric one."""
         return len(self.grasps) > 0 and bool(self.grasps.slot[0] >= 0)
 
-    def with_scores_times(self, probability: float) -> Self:
-        """Return the plan with scores of grasps on a region that is an object by `probability`."""
+    def weighted_by(self, probability: float) -> Self:
+        """Return the plan with scores times the `probability` that the region is an object."""
         scores = self.grasps.rank_score * probability
         return replace(self, grasps=replace(self.grasps, rank_score=scores))
 

@@ -67,7 +67,7 @@ class TrueScene:
         places = [transform_points(invert(self.poses[i]), points) for i in ids]
         pairs = zip(ids, places, strict=True)
         distances = np.stack([np.asarray(self.objects[i].tree.query(p)[0]) for i, p in pairs])
-        return np.array(ids)[distances.argmin(axis=0)]
+        return np.asarray(np.array(ids)[distances.argmin(axis=0)])
 
     def accuracy(self, grasps: GraspPoses, score: Array, gripper: Gripper) -> Array:
         """Return the accuracy (50, 6) of a frame's `grasps` by GraspNet's protocol, exactly.

@@ -1,4 +1,4 @@
-"""Input points of the grasp critic: seen, predicted by symmetry, and nearby."""
+"""A region and its surroundings for the grasp critic: seen, predicted and foreign points."""
 
 from dataclasses import dataclass
 from functools import cached_property

@@ -84,8 +84,8 @@ def feasible_grasps(
         own = np.flatnonzero(owner == place)
         if not len(own) or not len(cloud):
             continue
-        checks = config.feasibility, config.ranking.clearance_cap
-        feasibility = Feasibility.at(cloud, scene, gripper, *checks)
+        cap = config.ranking.clearance_cap
+        feasibility = Feasibility.at(cloud, scene, gripper, config.feasibility, cap)
         reached, row = feasibility.reachable(grasps[own], AS_GIVEN)
         free, _ = feasibility.first_free(reached, np.ones(len(reached)), 0.0, len(reached))
         free = free[feasibility.has_free_path(reached[free])]

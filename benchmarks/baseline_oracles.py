@@ -20,9 +20,8 @@ from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.peers.hands import hand_grasps
-from pipelines.grasping.ranking.ranking import non_maximum_suppression
 from pipelines.inference.observation import observe
-from pipelines.inference.peers.frame_plans import MOST_GRASPS, NMS_ANGLE, NMS_DISTANCE, best_first
+from pipelines.inference.peers.frame_plans import best_distinct, best_first
 from pipelines.inference.peers.pointnetgpd import MOST_SCORED, scene_hands
 from pipelines.metrics.grasp_verdicts import qualities
 
@@ -47,7 +46,7 @@ def best_qualities(root: GraspNetRoot, variant: str) -> dict[str, list[float]]:
             grasps = hand_grasps(hands, gripper)
             score = true_qualities(grasps, truth, gripper)
             grasps, score = best_first(grasps, score, observation.scene)
-            kept = non_maximum_suppression(grasps, NMS_DISTANCE, NMS_ANGLE)[:MOST_GRASPS]
+            kept = best_distinct(grasps)
             row = owned_by_nearest(ScoredGrasps(grasps[kept], score[kept]), truth).predictions
             best = [max(quality, 0.0) for quality in row.rank_score]  # -inf without a grasp
             found.setdefault(truth.split, []).extend(best)

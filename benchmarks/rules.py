@@ -67,16 +67,16 @@ class Rule:
     base: str = EVERY_RULE
 
 
-Row = tuple[str, str, str, Any]  # key, meaning, name of a setting or of the code, other value
+RuleRow = tuple[str, str, str, Any]  # key, meaning, name of a setting or of the code, other value
 
 
-def settings_under(prefix: str, *rows: Row) -> Iterator[Rule]:
+def settings_under(prefix: str, *rows: RuleRow) -> Iterator[Rule]:
     """Yield a rule for each of `rows`, which gives a setting under `prefix` another value."""
     for key, meaning, name, value in rows:
         yield Rule(key, meaning, {f"{prefix}{name}": value})
 
 
-def code_under(prefix: str, *rows: Row) -> Iterator[Rule]:
+def code_under(prefix: str, *rows: RuleRow) -> Iterator[Rule]:
     """Yield a rule for each of `rows`, which replaces a name of the code under `prefix`."""
     for key, meaning, name, value in rows:
         yield Rule(key, meaning, replaced={f"{prefix}{name}": value})

@@ -48,7 +48,7 @@ def plans_of_frame(
     if config.selects_for_peers:
         kept = feasible_grasps(grasps, owner, clouds, observation.scene, gripper, config.selection)
         grasps, score, owner = grasps[kept], score[kept], owner[kept]
-    kept = non_maximum_suppression(grasps, NMS_DISTANCE, NMS_ANGLE)[:MOST_GRASPS]
+    kept = best_distinct(grasps)
     owner = owner[kept]
     if (owner == len(regions)).any():
         taken = [region.mask for region in regions]
@@ -65,6 +65,11 @@ def best_first(grasps: GraspPoses, score: Array, scene: SceneCloud) -> tuple[Gra
         order = order[scene.limits.allow(grasps[order])]
     order = order[:MOST_COMPARED]
     return grasps[order], score[order]
+
+
+def best_distinct(grasps: GraspPoses) -> Indices:
+    """Return the indices of up to `MOST_GRASPS` of `grasps`, best first, that are not alike."""
+    return non_maximum_suppression(grasps, NMS_DISTANCE, NMS_ANGLE)[:MOST_GRASPS]
 
 
 def feasible_grasps(

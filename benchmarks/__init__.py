@@ -1,1 +1,1 @@
-"""Speeds of SymGrasp on this machine: `python -m benchmarks` prints them as a Markdown table."""
+"""Speeds on this machine (`python -m benchmarks`), ablations, leave-one-out and long runs."""

@@ -12,15 +12,16 @@ from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.grasps import GraspPoses, to_graspnet
 from pipelines.metrics.contacts import close_fingers
 from pipelines.metrics.force_closure import min_friction, on_grid
+from pipelines.metrics.graspnet.box_collision import NUM_CLOUD_SAMPLES, VOXEL, voxel_means
 from pipelines.metrics.graspnet.graspnet_ap import AP_FRICTIONS
-from pipelines.metrics.graspnet.graspnet_frames import GridObject, PeerScene, score_rows
+from pipelines.metrics.graspnet.graspnet_frames import GridObject, GridScene, score_rows
 from pipelines.metrics.graspnet.grid_contacts import close_fingers_on_grid
-from pipelines.metrics.graspnet.peer_collision import NUM_CLOUD_SAMPLES, VOXEL, voxel_means
 from pipelines.metrics.mesh_collision import MeshCollider
 
 NUM_GRASPS = 4000
 NUM_COLLIDED = 500
 NUM_ROWS = 1024  # grasps of a frame, as in a detector's dump
+DEPTH = 0.02  # metres from GraspNet's origin to the finger tips
 COPIES = 3  # copies of each shape in a frame
 SHAPES = {
     "box": trimesh.creation.box((0.06, 0.04, 0.1)),
@@ -28,7 +29,7 @@ SHAPES = {
     "ball": trimesh.creation.icosphere(4, 0.035),
 }
 # Grasps per CPU-second of graspnetAPI's get_grasp_score on the same kinds of shape and grasp.
-PEER = {
+GRASPNETAPI = {
     ("box", "antipodal"): 23.4,
     ("box", "label"): 44.6,
     ("can", "antipodal"): 20.2,
@@ -36,7 +37,7 @@ PEER = {
     ("ball", "antipodal"): 16.0,
     ("ball", "label"): 30.2,
 }
-PEER_FRAMES = 1.0 / 1.7  # frames per CPU-second of its whole evaluation
+GRASPNETAPI_FRAMES = 1.0 / 1.7  # frames per CPU-second of its whole evaluation
 
 
 def measure() -> list[Measurement]:
@@ -58,7 +59,7 @@ def measure() -> list[Measurement]:
 
 def _scoring(meshes: dict[str, Mesh], rng: np.random.Generator) -> list[Measurement]:
     exact, compatible = {}, {}
-    for name, kind in PEER:
+    for name, kind in GRASPNETAPI:
         mesh, grid = meshes[name], single_precision_grid(meshes[name])
         grasps = _grasps(mesh, kind, rng)
         exact[name, kind] = NUM_GRASPS / cpu_seconds_of(
@@ -71,11 +72,11 @@ def _scoring(meshes: dict[str, Mesh], rng: np.random.Generator) -> list[Measurem
                 min_friction(close_fingers_on_grid(d, g, g.width)), AP_FRICTIONS
             )
         )
-    return [_against_peer("", exact), _against_peer(", compatible", compatible)]
+    return [_against_graspnetapi("", exact), _against_graspnetapi(", compatible", compatible)]
 
 
-def _against_peer(mode: str, rates: dict[tuple[str, str], float]) -> Measurement:
-    times = {case: rate / PEER[case] for case, rate in rates.items()}
+def _against_graspnetapi(mode: str, rates: dict[tuple[str, str], float]) -> Measurement:
+    times = {case: rate / GRASPNETAPI[case] for case, rate in rates.items()}
     worst = min(times, key=lambda case: times[case])
     note = f"{times[worst]:,.0f} to {max(times.values()):,.0f} times graspnetAPI's CPU-second"
     return Measurement(f"grasps scored{mode}", rates[worst], "1/CPU s", f"{note}, six cases")
@@ -95,10 +96,10 @@ def _frames(meshes: dict[str, Mesh], rng: np.random.Generator) -> Measurement:
         pose = make_pose(np.eye(3), [0.13 * (place // COPIES), 0.13 * (place % COPIES), 0.05])
         poses.append(pose.astype(np.float32))
         grasps = _grasps(mesh, "antipodal", rng)[: NUM_ROWS // len(objects)].transformed(pose)
-        rows.append(to_graspnet(grasps, rng.random(len(grasps)), tip_reach=0.0))
-    scene, every = PeerScene(objects, poses, np.eye(4)), np.concatenate(rows)
+        rows.append(to_graspnet(grasps, rng.random(len(grasps)), depth=DEPTH, tip_reach=0.0))
+    scene, every = GridScene(objects, poses, np.eye(4)), np.concatenate(rows)
     rate = 1.0 / cpu_seconds_of(lambda: score_rows(every, scene))
-    note = f"{rate / PEER_FRAMES:.0f} times graspnetAPI; {len(every)} grasps, nine objects"
+    note = f"{rate / GRASPNETAPI_FRAMES:.0f} times graspnetAPI; {len(every)} grasps, nine objects"
     return Measurement("frames of GraspNet's AP", rate, "1/CPU s", note)
 
 

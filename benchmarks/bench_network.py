@@ -32,9 +32,8 @@ from tests.network.plain_network import PlainNetwork
 NUM_REGIONS = 8
 MICRO_BATCH = 6  # regions that a training step takes at once on a CPU
 SIDE = 1024  # side of the matrices in the measured product
-TRAINING_SHARE = (
-    3.0  # operations of a step relative to a forward pass: the backward pass has twice as many
-)
+# Operations of a step relative to a forward pass: the backward pass has twice as many.
+TRAINING_SHARE = 3.0
 
 
 def measure() -> list[Measurement]:

@@ -123,9 +123,7 @@ def _add(key: Any, value: object) -> None:  # noqa: ANN401 - a hash has no publi
         key.update(type(value).__name__.encode())
         for field in fields(value):
             _add(key, getattr(value, field.name))
-    elif not isinstance(
-        value, np.random.Generator
-    ):  # the generator of each frame starts in the same state
+    elif not isinstance(value, np.random.Generator):  # each frame's starts in the same state
         key.update(repr(value).encode())
 
 
@@ -205,7 +203,7 @@ def rule_differences(
 def _run(reports: Sequence[Path], name: str) -> EvaluatedRun:
     run = read_run(reports[0], name, DEFAULT_ROW)
     for other in reports[1:]:
-        read_run(other, name, DEFAULT_ROW, into=run)
+        read_run(other, name, DEFAULT_ROW, run)
     return run
 
 

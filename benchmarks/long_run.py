@@ -40,7 +40,7 @@ BACKLOG_FRAMES = 2  # frames written for each posted frame
 
 
 @dataclass(frozen=True)
-class HeldSample:
+class ResourceSample:
     """Resources of a process at one time."""
 
     minute: float
@@ -94,11 +94,11 @@ def _smaller(
     color = cv2.resize(color, (width, height), interpolation=cv2.INTER_AREA)
     scaled = {name: SCALE * camera[name] for name in ("fx", "fy", "cx", "cy")}
     scaled |= {"width": width, "height": height, "depth_scale": camera["depth_scale"]}
-    data = (cv2.imencode(".png", image)[1].tobytes() for image in (color, depth))
-    return PngFrame(*data, scaled)
+    color_png, depth_png = (cv2.imencode(".png", each)[1].tobytes() for each in (color, depth))
+    return PngFrame(color_png, depth_png, scaled)
 
 
-def run(out: Path, minutes: float, pause: float, backlog: float = 0.0) -> list[HeldSample]:
+def run(out: Path, minutes: float, pause: float, backlog: float = 0.0) -> list[ResourceSample]:
     """Feed both commands for `minutes`; write and return all samples."""
     watched = out / "frames"
     watched.mkdir(parents=True)
@@ -127,8 +127,8 @@ def _fed(
     minutes: float,
     pause: float,
     backlog: float,
-) -> list[HeldSample]:
-    samples: list[HeldSample] = []
+) -> list[ResourceSample]:
+    samples: list[ResourceSample] = []
     made, written, posted = frames(), 0, 0
     started = sampled = time.monotonic()
     while (began := time.monotonic()) - started <= 60 * minutes:
@@ -159,25 +159,27 @@ def _post(body: bytes) -> None:
         answer.read()
 
 
-def _sample(minute: float, name: str, count: int, waiting: int, process: int) -> HeldSample:
+def _sample(minute: float, name: str, count: int, waiting: int, process: int) -> ResourceSample:
     seen = psutil.Process(process)
     tree = [seen, *seen.children(recursive=True)]
     memory = sum(each.memory_info().rss for each in tree) / 1e6
     handles = sum(each.num_fds() for each in tree)
     threads = sum(each.num_threads() for each in tree)
-    return HeldSample(round(minute, 2), name, count, waiting, round(memory, 1), handles, threads)
+    return ResourceSample(
+        round(minute, 2), name, count, waiting, round(memory, 1), handles, threads
+    )
 
 
-def write_samples(out: Path, samples: Sequence[HeldSample]) -> None:
+def write_samples(out: Path, samples: Sequence[ResourceSample]) -> None:
     """Write the table of all samples and its summary."""
     with (out / "long_run.csv").open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream)
-        writer.writerow([field.name for field in fields(HeldSample)])
+        writer.writerow([field.name for field in fields(ResourceSample)])
         writer.writerows(astuple(sample) for sample in samples)
-    (out / "long_run.md").write_text(held_summary(samples), encoding="utf-8")
+    (out / "long_run.md").write_text(resource_summary(samples), encoding="utf-8")
 
 
-def held_summary(samples: Sequence[HeldSample]) -> str:
+def resource_summary(samples: Sequence[ResourceSample]) -> str:
     """Return medians of the first and the last quarter of each command, as a Markdown table."""
     lines = [
         "| command | frames | minutes | MB, first quarter | MB, last quarter | MB at most "
@@ -213,7 +215,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--backlog", type=float, default=0.0, help="minutes with more frames than can be processed"
     )
     given = parser.parse_args(arguments)
-    sys.stdout.write(held_summary(run(given.out, given.minutes, given.pause, given.backlog)))
+    sys.stdout.write(resource_summary(run(given.out, given.minutes, given.pause, given.backlog)))
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ run. Constants of compiled loops cannot be replaced and are not listed. The rule
 leave-one-out deleted are in docs/experiments/leave-one-out.md.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import compress
 from math import inf, pi
@@ -37,8 +37,15 @@ FEASIBILITY = "selection.feasibility."
 RANKING = "selection.ranking."
 GRASPING = "pipelines.grasping."
 PLANAR = f"{GRASPING}candidates.planar."
-CHECKS = f"{GRASPING}feasibility."
 FITS = f"{GRASPING}symmetries."
+AXES = "grounding.starting_axes"
+PLANES = "plane_evidence.candidate_planes"
+FACES = "plane_candidates.face_directions"
+LEVEL = "plane_candidates.level_directions"
+PIECES = "inference.frame_grasps.Planner._grasps_on_piece"
+PASSES = "planner.RegionPlanner.passes"
+TURNS = "symmetries.completion.COMPLETING_TURNS"
+EXTENTS = ("region.max_cut_extent", "region.max_extent")
 
 
 @dataclass(frozen=True)
@@ -58,6 +65,21 @@ class Rule:
     settings: Mapping[str, Any] = field(default_factory=dict)
     replaced: Mapping[str, object] = field(default_factory=dict)
     base: str = EVERY_RULE
+
+
+RuleRow = tuple[str, str, str, Any]  # key, meaning, name of a setting or of the code, other value
+
+
+def settings_under(prefix: str, *rows: RuleRow) -> Iterator[Rule]:
+    """Yield a rule for each of `rows`, which gives a setting under `prefix` another value."""
+    for key, meaning, name, value in rows:
+        yield Rule(key, meaning, {f"{prefix}{name}": value})
+
+
+def code_under(prefix: str, *rows: RuleRow) -> Iterator[Rule]:
+    """Yield a rule for each of `rows`, which replaces a name of the code under `prefix`."""
+    for key, meaning, name, value in rows:
+        yield Rule(key, meaning, replaced={f"{prefix}{name}": value})
 
 
 def none_at_all(*_: object) -> list[Any]:
@@ -90,242 +112,126 @@ def planes_without_axis_point(
     return candidate_planes(slots, far, *more)
 
 
-def passes_without_doubtful(planner: RegionPlanner) -> tuple[Pass, ...]:
+def without_doubtful(planner: RegionPlanner) -> tuple[Pass, ...]:
     """Return the passes over a region, without the pass across doubtful symmetries."""
     return EVERY_PASS(planner)[:2]
 
 
 SELECTION = (
-    Rule(
-        "no-doubtful",
-        "pass across doubtful symmetries",
-        replaced={f"{GRASPING}planner.RegionPlanner.passes": passes_without_doubtful},
+    *settings_under(
+        SYMMETRY,
+        ("no-confidence", "least confidence of symmetries", "min_confidence", 0.0),
+        ("no-completion", "completion of the unseen side", "min_completion_confidence", 1.0),
+        ("no-neighbours", "completion of neighbours", "min_neighbour_confidence", 1.0),
+        ("completion-0.3", "own bound of completion", "min_completion_confidence", 0.3),
+        ("neighbours-0.5", "neighbours' bound of completion", "min_neighbour_confidence", 0.5),
     ),
-    Rule("no-confidence", "least confidence of symmetries", {f"{SYMMETRY}min_confidence": 0.0}),
-    Rule(
-        "no-completion",
-        "completion of the own unseen side",
-        {f"{SYMMETRY}min_completion_confidence": 1.0},
+    *settings_under(
+        CANDIDATES,
+        ("no-affordance", "affordance of points, as threshold", "min_affordance", 0.0),
+        ("pair-spacing", "spacing of contact pairs", "pair_spacing", 0.0005),
+        ("all-pairs", "limit of contact pairs", "max_pairs", 4096),
     ),
-    Rule(
-        "no-neighbours",
-        "completion of neighbours' unseen sides",
-        {f"{SYMMETRY}min_neighbour_confidence": 1.0},
+    *settings_under(
+        FEASIBILITY,
+        ("min-width", "least width", "min_width", 1e-4),
+        ("min-enclosed", "least enclosed height", "min_enclosed", 0.0),
+        ("table-distance", "distance of tips and table", "min_table_distance", 0.0),
+        ("approach-angle", "approach angle to the table's normal", "max_approach_angle", pi),
+        ("hidden-angle", "approach angle to the view ray", "max_hidden_angle", pi),
+        ("view-angle", "own bound of that angle without a table", "max_view_angle", 1.92),
+        ("body-margin", "margin of the gripper's bodies", "body_margin", 0.0),
+        ("points-inside", "noise points that bodies may hold", "max_points_inside", 0),
+        ("approach-path", "free approach path", "approach_distance", 0.0),
+        ("no-opening", "opening margin", "opening_margins", ()),
+        ("one-opening", "smaller opening margin", "opening_margins", (0.008,)),
+        ("opening-share", "largest opening margin, by width", "opening_margin_share", 1.0),
     ),
-    Rule(
-        "completion-0.3",
-        "own bound of completion; 0.3 as for neighbours",
-        {f"{SYMMETRY}min_completion_confidence": 0.3},
+    *settings_under(
+        "sensor.",
+        ("behind", "tolerance of counterparts before the surface", "behind_tolerance", 0.0),
+        ("noise", "noise of depth at counterparts", "depth_noise", 0.0),
     ),
-    Rule(
-        "neighbours-0.5",
-        "neighbours' bound of completion; 0.5 as for the own",
-        {f"{SYMMETRY}min_neighbour_confidence": 0.5},
+    *settings_under(
+        RANKING,
+        ("all-ranked", "limit of ranked grasps", "max_ranked", 1024),
+        ("stability", "least stability for the critic", "critic_min_stability", 0.0),
+        ("stability-0.85", "own bound of stability for the critic", "critic_min_stability", 0.85),
+        ("torque", "torque of the weight", "half_torque_arm", 1e3),
+        ("alike", "suppression of alike grasps", "nms_distance", 0.0),
+        ("alternatives", "other kinds after a good grasp", "alternatives", 0),
+        ("always-planar", "expectation that leaves further passes out", "sufficient", 1.0),
+        ("rarely-planar", "further passes where some grasp is found", "sufficient", 0.0),
+        ("eq8", "grasp critic; Eq. 8 ranks", "by", "eq8"),
     ),
-    Rule(
-        "fewer-turns",
-        "completing turns by 45 degrees; 90",
-        replaced={f"{FITS}completion.COMPLETING_TURNS": np.radians([90.0, 180.0, 270.0])},
+    *(
+        Rule(key, meaning, {f"{RANKING}by": "eq8", f"{RANKING}{name}": 0.0}, base="eq8")
+        for key, meaning, name in (
+            ("eq8-unseen", "visible fraction in Eq. 8", "weight_unseen"),
+            ("eq8-stability", "least stability for Eq. 8", "min_stability"),
+        )
     ),
-    Rule(
-        "no-affordance",
-        "affordance of points, as threshold",
-        {f"{CANDIDATES}min_affordance": 0.0},
+    *code_under(
+        GRASPING,
+        ("no-doubtful", "pass across doubtful symmetries", PASSES, without_doubtful),
+        ("off-centre", "less stability off the centre", "planner.OFF_CENTRE", 0.0),
+        ("border", "border of the image", "feasibility.image_border.ImageBorder.of", nothing),
+        ("stray", "stray pixels left out", "scene.STRAY", inf),
+        ("fewer-turns", "completing turns by 45 degrees", TURNS, np.radians([90.0, 180.0, 270.0])),
     ),
-    Rule("pair-spacing", "spacing of contact pairs", {f"{CANDIDATES}pair_spacing": 0.0005}),
-    Rule("all-pairs", "limit of contact pairs", {f"{CANDIDATES}max_pairs": 4096}),
-    Rule(
-        "off-centre",
-        "less stability off the centre",
-        replaced={f"{GRASPING}planner.OFF_CENTRE": 0.0},
-    ),
-    Rule("min-width", "least width", {f"{FEASIBILITY}min_width": 1e-4}),
-    Rule("min-enclosed", "least enclosed height", {f"{FEASIBILITY}min_enclosed": 0.0}),
-    Rule("table-distance", "distance of tips and table", {f"{FEASIBILITY}min_table_distance": 0.0}),
-    Rule(
-        "approach-angle",
-        "largest approach angle to the table's normal",
-        {f"{FEASIBILITY}max_approach_angle": pi},
-    ),
-    Rule(
-        "hidden-angle",
-        "largest approach angle to the view ray over a table",
-        {f"{FEASIBILITY}max_hidden_angle": pi},
-    ),
-    Rule(
-        "view-angle",
-        "own bound of that angle without a table; 1.92",
-        {f"{FEASIBILITY}max_view_angle": 1.92},
-    ),
-    Rule("body-margin", "margin of the gripper's bodies", {f"{FEASIBILITY}body_margin": 0.0}),
-    Rule(
-        "points-inside", "noise points that bodies may hold", {f"{FEASIBILITY}max_points_inside": 0}
-    ),
-    Rule("approach-path", "free approach path", {f"{FEASIBILITY}approach_distance": 0.0}),
-    Rule("no-opening", "opening margin", {f"{FEASIBILITY}opening_margins": ()}),
-    Rule("one-opening", "smaller opening margin", {f"{FEASIBILITY}opening_margins": (0.008,)}),
-    Rule(
-        "opening-share",
-        "opening margin of a share of the width at most",
-        {f"{FEASIBILITY}opening_margin_share": 1.0},
-    ),
-    Rule(
-        "border", "border of the image", replaced={f"{CHECKS}image_border.ImageBorder.of": nothing}
-    ),
-    Rule(
-        "behind", "tolerance of counterparts before the surface", {"sensor.behind_tolerance": 0.0}
-    ),
-    Rule("noise", "noise of depth at counterparts", {"sensor.depth_noise": 0.0}),
-    Rule("all-ranked", "limit of ranked grasps", {f"{RANKING}max_ranked": 1024}),
-    Rule("stability", "least stability for the critic", {f"{RANKING}critic_min_stability": 0.0}),
-    Rule(
-        "stability-0.85",
-        "own bound of stability for the critic; 0.85 as for Eq. 8",
-        {f"{RANKING}critic_min_stability": 0.85},
-    ),
-    Rule("torque", "torque of the weight", {f"{RANKING}half_torque_arm": 1e3}),
-    Rule("alike", "suppression of alike grasps", {f"{RANKING}nms_distance": 0.0}),
-    Rule("alternatives", "other kinds after a good grasp", {f"{RANKING}alternatives": 0}),
-    Rule(
-        "always-planar", "expectation that leaves further passes out", {f"{RANKING}sufficient": 1.0}
-    ),
-    Rule(
-        "rarely-planar", "further passes where some grasp is found", {f"{RANKING}sufficient": 0.0}
-    ),
-    Rule(
-        "planar-tilts",
-        "planar approaches between normal and view ray",
-        replaced={f"{PLANAR}TILTS": (0.0, 1.0)},
-    ),
-    Rule(
-        "planar-slices",
-        "every second planar slice",
-        replaced={f"{PLANAR}SLICE_DEPTHS": (0.006, 0.025, 0.08)},
-    ),
-    Rule(
-        "planar-angles",
-        "planar approaches turned by 20 degrees",
-        replaced={f"{PLANAR}ANGLES": np.radians([0.0, 40.0, -40.0])},
-    ),
-    Rule(
-        "planar-turns",
-        "planar approaches turned about the contact line",
-        replaced={f"{PLANAR}ANGLES": np.zeros(1)},
-    ),
-    Rule(
-        "planar-hidden",
-        "penalty of outlines turned away",
-        replaced={f"{PLANAR}HIDDEN_PENALTY": 0.0},
-    ),
-    Rule(
-        "planar-table",
-        "planar slices lifted off the table",
-        replaced={f"{PLANAR}STEEP_APPROACH": 2.0},
-    ),
-    Rule("stray", "stray pixels left out", replaced={f"{GRASPING}scene.STRAY": inf}),
-    Rule("eq8", "grasp critic; Eq. 8 ranks", {f"{RANKING}by": "eq8"}),
-    Rule(
-        "eq8-unseen",
-        "visible fraction in Eq. 8",
-        {f"{RANKING}by": "eq8", f"{RANKING}weight_unseen": 0.0},
-        base="eq8",
-    ),
-    Rule(
-        "eq8-stability",
-        "least stability for Eq. 8",
-        {f"{RANKING}by": "eq8", f"{RANKING}min_stability": 0.0},
-        base="eq8",
+    *code_under(
+        PLANAR,
+        ("planar-tilts", "planar approaches between normal and view ray", "TILTS", (0.0, 1.0)),
+        ("planar-slices", "every second planar slice", "SLICE_DEPTHS", (0.006, 0.025, 0.08)),
+        ("planar-angles", "planar turns by 20 degrees", "ANGLES", np.radians([0.0, 40.0, -40.0])),
+        ("planar-turns", "planar approaches turned about the contacts", "ANGLES", np.zeros(1)),
+        ("planar-hidden", "penalty of outlines turned away", "HIDDEN_PENALTY", 0.0),
+        ("planar-table", "planar slices lifted off the table", "STEEP_APPROACH", 2.0),
     ),
 )
 SYMMETRIES = (
-    Rule(
-        "axes-spread",
-        "axes of the points' spread",
-        replaced={f"{FITS}grounding.starting_axes": axes_without((1, 2, 3))},
-    ),
-    Rule(
-        "axes-face",
-        "axis of the largest face",
-        replaced={f"{FITS}grounding.starting_axes": axes_without((4,))},
-    ),
-    Rule(
-        "axes-up",
-        "upright axis through the predicted point",
-        replaced={f"{FITS}grounding.starting_axes": axes_without((5,))},
-    ),
-    Rule(
-        "axes-outline",
-        "upright axis through the outline's middle",
-        replaced={f"{FITS}grounding.starting_axes": axes_without((6,))},
-    ),
-    Rule(
-        "axes-lying",
-        "lying axes",
-        replaced={f"{FITS}grounding.starting_axes": axes_without((7, 8, 9, 10))},
-    ),
-    Rule(
-        "planes-network",
-        "predicted planes",
-        replaced={f"{FITS}plane_candidates.REFLECTION_SLOTS": ()},
-    ),
-    Rule(
-        "planes-axis",
-        "planes through the axis",
-        replaced={f"{FITS}plane_evidence.candidate_planes": planes_without_axis_point},
-    ),
-    Rule(
-        "planes-faces",
-        "planes of the largest face's box",
-        replaced={f"{FITS}plane_candidates.face_directions": none_at_all},
-    ),
-    Rule(
-        "planes-sides",
-        "planes of the other faces",
-        replaced={f"{FITS}plane_candidates.MIN_SIDE_POINTS": inf},
-    ),
-    Rule(
-        "planes-level",
-        "upright planes of the outline from above",
-        replaced={f"{FITS}plane_candidates.level_directions": none_at_all},
-    ),
-    Rule(
-        "rivals",
-        "angle between two planes at least",
-        replaced={f"{FITS}plane_evidence.RIVALS": np.radians(8.0)},
+    *code_under(
+        FITS,
+        ("axes-spread", "axes of the points' spread", AXES, axes_without((1, 2, 3))),
+        ("axes-face", "axis of the largest face", AXES, axes_without((4,))),
+        ("axes-up", "upright axis through the predicted point", AXES, axes_without((5,))),
+        ("axes-outline", "upright axis through the outline's middle", AXES, axes_without((6,))),
+        ("axes-lying", "lying axes", AXES, axes_without((7, 8, 9, 10))),
+        ("planes-network", "predicted planes", "plane_candidates.REFLECTION_SLOTS", ()),
+        ("planes-axis", "planes through the axis", PLANES, planes_without_axis_point),
+        ("planes-faces", "planes of the largest face's box", FACES, none_at_all),
+        ("planes-sides", "planes of the other faces", "plane_candidates.MIN_SIDE_POINTS", inf),
+        ("planes-level", "upright planes of the outline from above", LEVEL, none_at_all),
+        ("rivals", "angle between two planes at least", "plane_evidence.RIVALS", np.radians(8.0)),
     ),
 )
 REGIONS = (
-    Rule("foreground", "share of a detection above the table", {"min_foreground": 0.0}),
-    Rule("uncovered", "share of a depth region left free", {"min_uncovered": 0.0}),
-    Rule("ratings", "improbable regions left out", {"min_rating": 0.0}),
-    Rule("pieces", "detections taken apart", {"min_piece_share": 1.0}),
-    Rule(
-        "piecewise",
-        "planar grasps of pieces",
-        replaced={
-            "pipelines.inference.frame_grasps.Planner._grasps_on_piece": lambda _self, plan, *_: (
-                plan
-            )
-        },
+    *settings_under(
+        "",
+        ("foreground", "share of a detection above the table", "min_foreground", 0.0),
+        ("uncovered", "share of a depth region left free", "min_uncovered", 0.0),
+        ("ratings", "improbable regions left out", "min_rating", 0.0),
+        ("pieces", "detections taken apart", "min_piece_share", 1.0),
     ),
-    Rule("small-support", "least seen area of a support plane", {"region.min_support_area": 0.0}),
-    Rule("floating", "largest gap between table and region", {"region.max_floating": inf}),
-    Rule("lids", "lids are no tables", replaced={"pipelines.tabletop.tabletop.MOST_SIDES": inf}),
-    Rule("strips", "strips along the image's border", {"region.max_border": inf}),
-    Rule("cut-extent", "own largest extent of cut regions", {"region.max_cut_extent": 0.45}),
-    Rule(
-        "extent",
-        "largest extents of regions",
-        {"region.max_cut_extent": inf, "region.max_extent": inf},
+    *settings_under(
+        "region.",
+        ("small-support", "least seen area of a support plane", "min_support_area", 0.0),
+        ("floating", "largest gap between table and region", "max_floating", inf),
+        ("strips", "strips along the image's border", "max_border", inf),
+        ("cut-extent", "own largest extent of cut regions", "max_cut_extent", 0.45),
+        ("creases", "concave creases part regions", "crease_fold", 2.0),
+        ("crease-reach", "longest chord of a crease", "crease_reach", inf),
+        ("height", "largest height", "max_height", inf),
+        ("beneath", "pixels beneath a plane count against it", "beneath_weight", 0.0),
+        ("plane-share", "least share of a plane", "min_plane_share", 0.0),
+        ("range", "depth behind the nearest surfaces", "max_range", inf),
     ),
-    Rule("creases", "concave creases part regions", {"region.crease_fold": 2.0}),
-    Rule("crease-reach", "longest chord of a crease", {"region.crease_reach": inf}),
-    Rule("height", "largest height", {"region.max_height": inf}),
-    Rule("beneath", "pixels beneath a plane count against it", {"region.beneath_weight": 0.0}),
-    Rule("plane-share", "least share of a plane", {"region.min_plane_share": 0.0}),
-    Rule("range", "depth behind the nearest surfaces", {"region.max_range": inf}),
-    Rule(
-        "sparse", "filling of sparse depth", replaced={"pipelines.tabletop.sparse_depth.DENSE": 0.0}
+    Rule("extent", "largest extents of regions", dict.fromkeys(EXTENTS, inf)),
+    *code_under(
+        "pipelines.",
+        ("piecewise", "planar grasps of pieces", PIECES, lambda _planner, plan, *_: plan),
+        ("lids", "lids are no tables", "tabletop.tabletop.MOST_SIDES", inf),
+        ("sparse", "filling of sparse depth", "tabletop.sparse_depth.DENSE", 0.0),
     ),
 )
 # Departures from the paper, each undone alone: the rows of docs/method/departures.md.

@@ -56,7 +56,7 @@ level  package        subject
 8      grasp_files    `grasps.h5`, its shards and tables, and gripper files
 8      refinement     Symmetric copies of annotated grasps, with newly computed contacts
 9      pictures       Pictures and pages of frames, grasps and symmetries
-10     inference      Computation of a frame's grasps: models, regions, and work on many frames
+10     inference      Computation of a frame's grasps: models, regions, and runs over many frames
 11     evaluation     Evaluation of grasps: ground truth, predictions, baselines, figures, tables
 12     annotation     Annotation of an object: symmetries detected, given, or corrected by a person
 12     health         Checks of `doctor`: packages, torch and GPU, the machine, the default weights

@@ -21,12 +21,9 @@ from pipelines.errors import StaleOutputError
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_stream import read_results
-from pipelines.inference.pictures import draw_missing, results_of_output
-from pipelines.inference.run_settings import InferPaths, Settings, check_config
-from pipelines.inference.side_by_side import load_in_workers, options_for_frames
-from pipelines.inference.work import (
+from pipelines.inference.infer_run import (
     STAGE,
-    Work,
+    InferRun,
     earlier_frames,
     finished_items,
     infer_frame,
@@ -35,6 +32,9 @@ from pipelines.inference.work import (
     refuse_other_settings,
     refuse_stale,
 )
+from pipelines.inference.pictures import draw_missing, results_of_output
+from pipelines.inference.run_settings import InferPaths, RunSettings, check_config
+from pipelines.inference.side_by_side import load_in_workers, options_for_frames
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.provenance import is_finished
@@ -67,15 +67,15 @@ def run(
     """
     check_config(config)
     refuse_foreign_output(paths.output)
-    settings = Settings(paths, config, seed, device, timings)
-    work = Work(settings, stated, choice)
-    items = work.items(work.find())
-    if not options.overwrite and paths.output.exists() and _is_complete(work, items):
+    settings = RunSettings(paths, config, seed, device, timings)
+    run = InferRun(settings, stated, choice)
+    items = run.items(run.find())
+    if not options.overwrite and paths.output.exists() and _is_complete(run, items):
         if not options.dry_run:
             grasps_file.remove_shards(paths.output)  # the parts of `infer --watch`
         report = _finished_report(paths, len(items))
     else:
-        report = _make(work, items, options)
+        report = _make(run, items, options)
     undrawn = draw_missing(settings, results_of_output(paths.output, items), options)
     report.failed |= undrawn
     report.done, report.skipped = (
@@ -84,9 +84,9 @@ def run(
     return report
 
 
-def _make(work: Work, items: Sequence[WorkItem], options: BatchOptions) -> StageReport:
+def _make(run: InferRun, items: Sequence[WorkItem], options: BatchOptions) -> StageReport:
     """Find the grasps of the unfinished frames, and assemble the output."""
-    settings = work.settings
+    settings = run.settings
     finished = {} if options.dry_run else {item.name: item for item in finished_items(items)}
     todo = [item for item in items if item.name not in finished]
     # Shards have this run's stamp, so --overwrite keeps them.
@@ -97,12 +97,12 @@ def _make(work: Work, items: Sequence[WorkItem], options: BatchOptions) -> Stage
         report = run_batch(STAGE, todo, partial(infer_frame, settings=settings), parallel)
     report.skipped += finished
     if not options.dry_run:
-        work.assemble(items, report.failed)
-        grasps_file.remove_shards(work.output)
+        run.assemble(items, report.failed)
+        grasps_file.remove_shards(run.output)
     return report
 
 
-def _is_complete(work: Work, items: Sequence[WorkItem]) -> bool:
+def _is_complete(run: InferRun, items: Sequence[WorkItem]) -> bool:
     """Return whether the output is complete: that of `items`.
 
     A run of `infer --watch`, which leaves its parts, may have ended before more frames arrived.
@@ -111,13 +111,13 @@ def _is_complete(work: Work, items: Sequence[WorkItem]) -> bool:
         StaleOutputError: the settings or inputs differ; no image is read to compare settings.
         SymgraspError: the output is one of `infer --watch`, with frames that exist nowhere else.
     """
-    refuse_other_settings(work)
+    refuse_other_settings(run)
     try:
-        return is_finished(work.output, work.output_stamp(items))
+        return is_finished(run.output, run.output_stamp(items))
     except StaleOutputError:
-        if not earlier_frames(work):
+        if not earlier_frames(run):
             raise
-        refuse_stale(work, {item.name for item in items})
+        refuse_stale(run, {item.name for item in items})
         return False
 
 

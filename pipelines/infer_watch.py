@@ -18,10 +18,10 @@ from pipelines.dataset.chosen_frames import ALL_FRAMES, ChosenFrames
 from pipelines.errors import SymgraspError
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.inference.following import Follower, FrameOutcome
-from pipelines.inference.run_settings import InferPaths, Settings, check_config
+from pipelines.inference.infer_run import STAGE, InferRun, refuse_foreign_output
+from pipelines.inference.run_settings import InferPaths, RunSettings, check_config
 from pipelines.inference.side_by_side import options_for_frames
 from pipelines.inference.watching import Clock
-from pipelines.inference.work import STAGE, Work, refuse_foreign_output
 from pipelines.runtime.batch import BatchOptions, StageReport
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.runtime.stopping import StopReason, StopSignals
@@ -58,14 +58,14 @@ def run(
     check_config(config)
     refuse_foreign_output(paths.output)
     _refuse_impossible(paths, options)
-    work = Work(Settings(paths, config, seed, device, timings), stated, choice)
+    run = InferRun(RunSettings(paths, config, seed, device, timings), stated, choice)
     signals = StopSignals()
     # Each frame gets a line instead of progress.
     options = replace(options_for_frames(options, 0, device), progress=False)
     threads, thread = ThreadPoolExecutor(options.workers), ThreadPoolExecutor(1)
-    with threads, thread, signals.recorded(expects_repeats=False), work.settings.one_core():
+    with threads, thread, signals.recorded(expects_repeats=False), run.settings.one_core():
         follower = Follower(
-            work, watch, options, notify, clock or Clock(), threads, writer or thread
+            run, watch, options, notify, clock or Clock(), threads, writer or thread
         )
         follower.begin(overwrite=options.overwrite)
         while signals.reason is StopReason.NONE and not follower.is_timed_out():

@@ -116,7 +116,7 @@ def _stacked(
     return PackedScene(
         points=np.reshape([cloud.points for cloud in clouds], (-1, num_points, 3)),
         affordance=np.reshape([cloud.affordance for cloud in clouds], (-1, num_points)),
-        existence=np.reshape([cloud.slots.existence for cloud in clouds], (-1, NUM_SLOTS)),
+        existence=np.reshape([cloud.slots.probability for cloud in clouds], (-1, NUM_SLOTS)),
         point=np.reshape([cloud.slots.point for cloud in clouds], (-1, NUM_SLOTS, 3)),
         direction=np.reshape([cloud.slots.direction for cloud in clouds], (-1, NUM_SLOTS, 3)),
         table=np.reshape([table_row(cloud.table) for cloud in clouds], (-1, 4)),

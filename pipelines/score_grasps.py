@@ -26,8 +26,8 @@ from pipelines.grasping.grasps import from_graspnet
 from pipelines.metrics.antipodal import contact_pair_score
 from pipelines.metrics.contacts import close_fingers
 from pipelines.metrics.force_closure import min_friction, on_grid
+from pipelines.metrics.graspnet.box_collision import cloud_collision, exact_collision
 from pipelines.metrics.graspnet.grid_contacts import close_fingers_on_grid
-from pipelines.metrics.graspnet.peer_collision import cloud_collision, exact_collision
 from pipelines.runtime.batch import StageReport
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import existing

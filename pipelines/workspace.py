@@ -90,31 +90,31 @@ def run(
     return found
 
 
-def frame_box(seen: Observation, config: WorkspaceConfig) -> WorkspaceBox:
+def frame_box(observation: Observation, config: WorkspaceConfig) -> WorkspaceBox:
     """Return the box of a frame: the box of `config`, else a box around the regions.
 
     Raises:
         SymgraspError: there are no regions, or no support plane for a box in the table frame.
     """
-    plane = seen.scene.plane
+    plane = observation.scene.plane
     if config.box:
         if config.box_frame == "table" and plane is None:
             raise SymgraspError("no support plane is found; give the box in the camera frame")
         in_table = plane is not None and config.box_frame == "table"
         T_box_cam = table_from_camera(plane) if in_table and plane else np.eye(4)
         return WorkspaceBox(np.reshape(config.box, (2, 3)), config.box_frame, T_box_cam)
-    if not any(len(cloud) for cloud in seen.clouds):
+    if not any(len(cloud) for cloud in observation.clouds):
         raise SymgraspError("no region is found, so there is no workspace; take another frame")
-    return suggested_box([cloud.points for cloud in seen.clouds], plane, config.margin)
+    return suggested_box([cloud.points for cloud in observation.clouds], plane, config.margin)
 
 
 def _draw(source: FrameSource, folder: Path, config: WorkspaceConfig, found: Workspaces) -> None:
     """Draw one frame and keep its box."""
     frame = source.read()
-    seen = observe(frame, GEOMETRIC, np.random.default_rng(0))
-    box = frame_box(seen, config)
-    inside = box.contains(seen.scene.xyz) | (frame.depth <= 0)  # pixels without depth too
-    masks: Sequence[Mask] = [region.mask for region in seen.regions]
+    observation = observe(frame, GEOMETRIC, np.random.default_rng(0))
+    box = frame_box(observation, config)
+    inside = box.contains(observation.scene.xyz) | (frame.depth <= 0)  # pixels without depth too
+    masks: Sequence[Mask] = [region.mask for region in observation.regions]
     write_image(folder / f"{source.name}.png", draw_workspace(frame, box, inside, masks))
     write_image(folder / f"{source.name}_mask.png", inside.astype(np.uint8) * 255)
     found.boxes[source.name] = box

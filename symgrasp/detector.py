@@ -16,7 +16,7 @@ from pipelines.errors import ValueRangeError
 from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.gripper import Gripper
-from pipelines.inference.run_settings import InferPaths, Settings, check_config
+from pipelines.inference.run_settings import InferPaths, RunSettings, check_config
 from symgrasp.frame_input import IntrinsicsLike, frame_of, instance_masks, workspace_of
 from symgrasp.grasps import Grasps, ordered_grasps
 
@@ -83,8 +83,8 @@ class GraspDetector:
         paths = InferPaths(Path(), Path()).with_weights(
             **{name: None if path is None else Path(path) for name, path in weights.items()}
         )
-        self._work = Settings(paths, self.settings, seed, device, timings=False)
-        self._planner = replace(self._work.planner(), gripper=self.gripper)
+        self._run_settings = RunSettings(paths, self.settings, seed, device, timings=False)
+        self._planner = replace(self._run_settings.planner(), gripper=self.gripper)
 
     def __call__(
         self,
@@ -148,8 +148,8 @@ class GraspDetector:
         if box:
             limits = replace(self.settings.limits, box=box)
             planner = replace(planner, config=replace(self.settings, limits=limits))
-        rng = np.random.default_rng(self._work.seed)
-        with self._work.one_core():
+        rng = np.random.default_rng(self._run_settings.seed)
+        with self._run_settings.one_core():
             labels = None if instances is None else frame.laid_on(instances.labels)
             result = planner.plan(frame, rng, labels, None if mask is None else frame.laid_on(mask))
         return result, None if instances is None else frame.laid_on(instances.ids)

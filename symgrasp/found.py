@@ -21,7 +21,7 @@ class FoundSymmetry:
         slot: one of the network's five: 0 to 2 mirror planes, 3 rotation axis, 4 sphere.
         kind: `reflection`, `rotation` or `sphere`.
         existence: 0 to 1, the network's probability that the symmetry is present; nan without it.
-        confidence: 0 to 1, the belief in the symmetry after its fit to the seen surface.
+        confidence: 0 to 1, its estimated probability after the fit to the seen surface.
         point: (3,) float32 metres, on the plane or the axis, or the sphere's centre.
         direction: (3,) float32 unit, the plane's normal or the axis; nan for a sphere.
     """

@@ -21,7 +21,7 @@ NAMES = [function.__name__.replace("_", "-") for function in COMMANDS]
 def commands() -> str:
     """Return all commands with their options, in workflow order."""
     lines: list[str] = []
-    group = get_command(app)
+    group: Any = get_command(app)
     for name in NAMES:
         command = group.commands[name]
         arguments = [each for each in command.params if not each.opts[0].startswith("-")]

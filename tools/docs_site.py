@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tools")]
+sys.path.insert(0, str(ROOT))
 
-from docs_records import CITATION, cited_in, read_records, records_tables  # noqa: E402
-from docs_reference import api, commands, settings  # noqa: E402
+from tools.docs_records import CITATION, Record, cited_in, read_records, records_tables  # noqa: E402
+from tools.docs_reference import api, commands, settings  # noqa: E402
 
 MARK = re.compile(r"<!-- made from code: (\w+) -->")
 MADE = {
@@ -52,7 +52,7 @@ def _from_root(name: str) -> str:
 
 
 @cache
-def _records() -> dict[int, Any]:
+def _records() -> dict[int, Record]:
     return {record.number: record for record in read_records(ROOT)}
 
 

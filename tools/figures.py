@@ -1,4 +1,4 @@
-"""Draw the README's figures from the code itself: `python tools/figures.py` writes docs/*.svg."""
+"""Draw the README's figures from the code itself: `python tools/figures.py` writes docs/images/."""
 
 from pathlib import Path
 

@@ -18,7 +18,7 @@ from pipelines.array_types import Array
 from pipelines.configs import EvaluateConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.evaluation.records import FrameRecord, read_frame_records, records_folder
-from pipelines.evaluation.trial_records import OURS
+from pipelines.evaluation.rows import OURS
 from pipelines.evaluation.truth import TruthReader
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.geometry.rendering import first_hits
@@ -41,11 +41,11 @@ class Tally:
     """Counts of one split, an entry per visible object."""
 
     held: list[bool] = field(default_factory=list)
-    best: list[float] = field(default_factory=list)  # quality, 0 to 1, of the best hand found
+    best: list[float] = field(default_factory=list)  # quality, 0 to 1, of the best grasp found
 
 
 def antipodal_pairs(mesh: Mesh, gripper: Gripper, rng: np.random.Generator) -> Array:
-    """Return (n, 2, 3) up to `PAIRS` opposite points of `mesh`, within the hand's largest width."""
+    """Return (n, 2, 3) up to `PAIRS` opposite points of `mesh`, within the gripper's width."""
     points, normals, _ = sample_surface(mesh, POINTS, rng)
     distance, triangle = first_hits(mesh, points - INSIDE * normals, -normals)
     met = np.isfinite(distance)
@@ -66,8 +66,8 @@ def best_quality(scene: TrueScene, object_id: int, gripper: Gripper) -> float:
         some = pairs[start : start + AT_ONCE]
         upright = GraspPoses.from_contacts(some, np.broadcast_to([0.0, 0.0, 1.0], (len(some), 3)))
         pair, angle = np.divmod(np.arange(len(some) * ANGLES), ANGLES)
-        hands = upright.at_approach_angles(pair, angle * (2 * np.pi / ANGLES))
-        found = qualities(scene, object_id, hands.transformed(scene.poses[object_id]), gripper)
+        grasps = upright.at_approach_angles(pair, angle * (2 * np.pi / ANGLES))
+        found = qualities(scene, object_id, grasps.transformed(scene.poses[object_id]), gripper)
         best = max(best, float(found.max()))
         if best >= 1.0:
             break
@@ -97,12 +97,13 @@ def main(report: Path, root: GraspNetRoot) -> None:
             tallies[frame.split].best.append(max(best, verdict.quality))
             if not held:
                 label = f"{frame.name} object {verdict.object_id:03d}: {verdict.reason}"
-                sys.stdout.write(f"{label}, the best hand found {best:.2f}\n")
+                sys.stdout.write(f"{label}, the best grasp found {best:.2f}\n")
     for split, tally in tallies.items():
-        held, best = np.array(tally.held), np.array(tally.best)
+        is_held, quality = np.array(tally.held), np.array(tally.best)
+        more, none = (~is_held & (quality > 0)).sum(), (quality == 0).sum()
         sys.stdout.write(
-            f"{split}: {len(held)} objects, {held.sum()} held, {(~held & (best > 0)).sum()} more "
-            f"could be, {(best == 0).sum()} by no hand found; best quality {best.mean():.3f}\n"
+            f"{split}: {len(is_held)} objects, {is_held.sum()} held, {more} more could be, "
+            f"{none} by no grasp found; best quality {quality.mean():.3f}\n"
         )
 
 

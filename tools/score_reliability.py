@@ -36,7 +36,7 @@ NO_CACHE = Path("no-cache")  # the dataset has its convex pieces
 
 
 @dataclass(frozen=True)
-class Tried:
+class TriedGrasp:
     """The scene of a grasp, its score and whether it succeeded."""
 
     scene: int
@@ -58,7 +58,7 @@ def chosen_rows(table: GraspTable, owners: list[int], rng: np.random.Generator) 
 
 def tried_grasps(
     result: FrameResult, root: GraspNetRoot, gripper: Gripper, friction: float
-) -> Iterator[Tried]:
+) -> Iterator[TriedGrasp]:
     """Yield the outcomes of the chosen grasps of a frame in its true scene."""
     rules, config = EvaluateConfig(), SimulateConfig()
     files = root.frame(result.name)
@@ -74,10 +74,10 @@ def tried_grasps(
         target, placed = owners[int(table.region[row])], grasp.transformed(T_table_cam)
         trial = Trial.of(objects, poses, target, placed, gripper, config)
         held = trial.run(friction).reason == HELD
-        yield Tried(files.scene_id, float(table.rank_score[row]), held)
+        yield TriedGrasp(files.scene_id, float(table.rank_score[row]), held)
 
 
-def reliability_rows(tried: list[Tried]) -> list[str]:
+def reliability_rows(tried: list[TriedGrasp]) -> list[str]:
     """Return the lines of a table: bin of scores, trials, mean score, success and interval."""
     lines = ["| score | trials | mean score | success | 95 % interval |", "|---|---|---|---|---|"]
     scores, held = (np.array([getattr(t, name) for t in tried]) for name in ("score", "held"))
@@ -94,7 +94,7 @@ def reliability_rows(tried: list[Tried]) -> list[str]:
     return lines
 
 
-def excess(tried: list[Tried]) -> tuple[float, float, float]:
+def excess(tried: list[TriedGrasp]) -> tuple[float, float, float]:
     """Return the excess of the mean score over the success, and its 95 % interval over scenes."""
     by_scene: dict[int, list[float]] = {}
     for each in tried:

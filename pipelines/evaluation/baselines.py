@@ -67,27 +67,28 @@ class Baselines:
         if not masks:
             rows = {name: RowPredictions([], []) for name in BASELINE_ROWS}
             return rows | {"oracle": RowPredictions([], [], symmetries=[])}
-        seen = observe(self.reader.root.read_frame(files), self.config, rng, regions=masks)
+        observation = observe(self.reader.root.read_frame(files), self.config, rng, regions=masks)
         symmetries = [true_symmetries(instance, truth) for instance in owners.instance]
-        clouds = [_thinned(cloud, rng) for cloud in seen.clouds]
-        models = self._true_models(clouds, seen.scene, symmetries, owners, truth)
-        ranked = RegionPlanner(self.gripper, self.config.selection, self.critic)
+        clouds = [_thinned(cloud, rng) for cloud in observation.clouds]
+        scene = observation.scene
+        regions = self._true_regions(clouds, scene, symmetries, owners, truth)
+        by_critic = RegionPlanner(self.gripper, self.config.selection, self.critic)
         by_eq8 = RegionPlanner(self.gripper, self.config.selection)
-        oracle = [ranked.plan(model, seen.scene) for model in models]
+        oracle = [by_critic.plan(region, scene) for region in regions]
 
-        def alone(kind: Pass, planner: RegionPlanner) -> RowPredictions:
-            """Return the grasps of one kind, found on the measured points alone."""
-            plans = [planner.plan(RegionModel(cloud), seen.scene, (kind,)) for cloud in seen.clouds]
-            return RowPredictions.from_ranked(plans)
+        def by_pass(only: Pass, planner: RegionPlanner) -> RowPredictions:
+            """Return the grasps of one pass, found on the measured points alone."""
+            measured = map(RegionModel, observation.clouds)
+            return RowPredictions.from_ranked([planner.plan(r, scene, (only,)) for r in measured])
 
         return {
             "oracle": RowPredictions.from_ranked(oracle, symmetries),
-            "planar": alone(planar_pass(), by_eq8),
-            "planar-critic": alone(planar_pass(), ranked),
-            "random": alone(random_pass(rng), by_eq8),
+            "planar": by_pass(planar_pass(), by_eq8),
+            "planar-critic": by_pass(planar_pass(), by_critic),
+            "random": by_pass(random_pass(rng), by_eq8),
         }
 
-    def _true_models(
+    def _true_regions(
         self,
         clouds: list[RegionCloud],
         scene: SceneCloud,
@@ -151,4 +152,4 @@ def _thinned(region: RegionCloud, rng: np.random.Generator) -> RegionCloud:
     if len(region) <= NUM_POINTS:
         return region
     kept = np.sort(rng.choice(len(region), NUM_POINTS, replace=False))
-    return replace(region, points=region.points[kept], normals=region.normals[kept])
+    return region[kept]

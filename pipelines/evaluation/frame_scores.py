@@ -11,7 +11,7 @@ from pipelines.evaluation.predictions import FramePredictions, RowPredictions, S
 from pipelines.evaluation.records import FrameRecord, RowRecord, ScoredPredictions, number_key
 from pipelines.evaluation.truth import FrameTruth
 from pipelines.geometry.symmetry import SYMMETRY_KINDS, SymmetrySlots
-from pipelines.geometry.transforms import invert, nearest_orthogonal, transform_points
+from pipelines.geometry.transforms import nearest_orthogonal
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.metrics.coco_masks import IOU_THRESHOLDS, match_masks
@@ -62,21 +62,15 @@ def owned_by_nearest(found: ScoredGrasps, truth: FrameTruth) -> RegionRow:
     A grasp belongs to the object with the true surface nearest to the midpoint of the contacts.
     The truth only assigns: a method that finds grasps in the whole frame names no object.
     """
-    scene, visible = truth.scene, truth.visible
-    ids = sorted(scene.poses)
-    distances = np.full((len(ids), len(found.score)), np.inf)
-    for place, object_id in enumerate(ids):
-        local = transform_points(invert(scene.poses[object_id]), found.grasps.translation)
-        distances[place] = scene.objects[object_id].tree.query(local)[0]
-    owner = np.array(ids)[distances.argmin(axis=0)] if ids else np.full(len(found.score), -1)
+    owner = truth.scene.nearest_object(found.grasps.translation)
     best, score = [], []
-    for object_id in visible:
+    for object_id in truth.visible:
         own = np.flatnonzero(owner == object_id)
         first = own[found.score[own].argmax()] if len(own) else len(found.score)
         best.append(found.grasps[first : first + 1])
         score.append(float(found.score[first]) if len(own) else -np.inf)
-    masks = [truth.label == object_id + 1 for object_id in visible]
-    owners = RegionOwners(list(visible), [-1] * len(visible))
+    masks = [truth.label == object_id + 1 for object_id in truth.visible]
+    owners = RegionOwners(list(truth.visible), [-1] * len(truth.visible))
     return RegionRow(RowPredictions(best, score, every=found), masks, owners)
 
 
@@ -153,7 +147,7 @@ def _scored_slots(
 ) -> dict[str, ScoredPredictions]:
     """Return the verdicts on every slot of every region; AP ranks slots of any confidence."""
     predicted = [
-        PredictedSymmetry(symmetry, float(region.existence[slot]), owner)
+        PredictedSymmetry(symmetry, float(region.probability[slot]), owner)
         for region, owner in zip(slots, owners.instance, strict=True)
         for slot, symmetry in region.between(0.0)
     ]

@@ -85,7 +85,7 @@ class FramePredictions:
 
 
 def _symmetries(regions: RegionTable, region: int) -> SymmetrySlots:
-    """Return a region's symmetries; a symmetry without parameters has existence 0."""
+    """Return a region's symmetries; a symmetry without parameters has probability 0."""
     point = np.asarray(regions.symmetry_point[region], np.float64)
     direction = np.asarray(regions.symmetry_direction[region], np.float64)
     known = np.isfinite(point).all(axis=1)

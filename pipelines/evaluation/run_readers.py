@@ -44,11 +44,12 @@ def compared_folders(report: Path) -> list[Path]:
     return [folder for folder in folders if folder.is_dir()]
 
 
-def read_run(path: Path, name: str, row: str) -> EvaluatedRun:
+def read_run(path: Path, name: str, row: str, run: EvaluatedRun | None = None) -> EvaluatedRun:
     """Read the records next to the report `path`, one scene at a time.
 
     `path`: `report.json`, of a `grasps.h5` or of a dump by GraspNet's protocol; or `success.json`.
-    `row`: of the report. Rows of a dump are cameras; DEFAULT_ROW means all cameras.
+    `row`: of the report. Rows of a dump are cameras; DEFAULT_ROW means all cameras. `run`: of other
+    frames, to which the frames of a `report.json` of `infer` are added; None for a new run.
 
     Raises:
         MissingInputError: there are no records.
@@ -63,7 +64,7 @@ def read_run(path: Path, name: str, row: str) -> EvaluatedRun:
         raise UnknownNameError(f"row of {path}", row, report["rows"])
     folder = scenes_folder(path) if is_dump else records_folder(path)
     scenes = _scenes(folder, "npz" if is_dump else "json", "evaluate")
-    run = EvaluatedRun(name, report)
+    run = EvaluatedRun(name, report) if run is None else run
     if is_dump:
         _read_dump(run, path, scenes, "" if row == DEFAULT_ROW else row)
     else:

@@ -157,9 +157,9 @@ class ObjectRegion:
 class SymmetrySlots:
     """Symmetries as the network's five slots: 0-2 reflection, 3 rotation, 4 sphere."""
 
-    # (5,) belief that the slot's symmetry exists, 0 to 1: as predicted, or after fits and
-    # critics; 0 or 1 for ground truth
-    existence: Array
+    # (5,) that the slot's symmetry is present, 0 to 1: the network's existence before the fit, the
+    # confidence after the fit; 0 or 1 for ground truth
+    probability: Array
     point: Array  # (5, 3) metres; nan where the slot is empty
     direction: Array  # (5, 3) unit; nan where the slot is empty, and for the sphere
     # (5,) source of the candidate: `network`, `shape` or `both`; empty if unknown
@@ -169,11 +169,11 @@ class SymmetrySlots:
     def of(
         cls, symmetries: Iterable[tuple[int, Symmetry, float]], source: str = ""
     ) -> "SymmetrySlots":
-        """Return the slots of `symmetries` (slot, symmetry, belief) from one `source`."""
+        """Return the slots of `symmetries` (slot, symmetry, probability) from one `source`."""
         points, directions = np.full((2, NUM_SLOTS, 3), np.nan)
         slots = cls(np.zeros(NUM_SLOTS), points, directions, np.full(NUM_SLOTS, source, "U7"))
-        for slot, symmetry, existence in symmetries:
-            slots.existence[slot] = existence
+        for slot, symmetry, probability in symmetries:
+            slots.probability[slot] = probability
             slots.point[slot], slots.direction[slot] = symmetry.point, symmetry.direction
         return slots
 
@@ -204,6 +204,6 @@ class SymmetrySlots:
         return SphereSymmetry(self.point[slot])
 
     def between(self, above: float, below: float = np.inf) -> list[tuple[int, Symmetry]]:
-        """Return slots and symmetries with a belief between `above` and `below`."""
-        slots = np.flatnonzero((self.existence > above) & (self.existence < below)).tolist()
+        """Return slots and symmetries with a probability between `above` and `below`."""
+        slots = np.flatnonzero((self.probability > above) & (self.probability < below)).tolist()
         return [(slot, self.symmetry(slot)) for slot in slots]

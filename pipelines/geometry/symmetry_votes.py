@@ -17,7 +17,7 @@ def mean_slots(existence: Floats, point: Floats, direction: Floats) -> SymmetryS
         direction: (n, 5, 3) unit; the sphere's is ignored.
     """
     slots = SymmetrySlots.of((), "network")
-    slots.existence[:], slots.point[:] = existence.mean(axis=0), point.mean(axis=0)
+    slots.probability[:], slots.point[:] = existence.mean(axis=0), point.mean(axis=0)
     flat = direction.reshape(len(direction), -1)  # transposed below: contiguous coordinates
     by_slot = np.ascontiguousarray(flat.T, np.float64).reshape(*direction.shape[1:], -1)
     slots.direction[:SPHERE_SLOT] = _leading_directions(by_slot[:SPHERE_SLOT])

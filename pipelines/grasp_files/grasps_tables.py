@@ -34,7 +34,7 @@ class RegionTable(ColumnTable):
     box: NDArray[Any] = table_column((4,), np.float32)  # x0, y0, x1, y1 pixels, x1 and y1 exclusive
     confidence: NDArray[Any] = table_column((), np.float32)  # the detector's, 0..1
     # Existence is the network's probability of each slot, nan without a network; confidence is the
-    # belief after the fit. Points in metres, directions unit; nan without a symmetry.
+    # probability after the fit. Points in metres, directions unit; nan without a symmetry.
     existence: NDArray[Any] = table_column((NUM_SLOTS,), np.float32)
     symmetry_confidence: NDArray[Any] = table_column((NUM_SLOTS,), np.float32)
     symmetry_point: NDArray[Any] = table_column((NUM_SLOTS, 3), np.float32)

@@ -31,9 +31,8 @@ class LabelledSurface:
     def affordance_at(self, points: Array, radius: float) -> Array:
         """Return the affordance (m,) of the nearest surface point within `radius`, else 0."""
         _, nearest = self.tree.query(points, distance_upper_bound=radius)
-        return np.append(self.affordance, 0.0)[
-            nearest
-        ]  # without a near point, the index is past the last
+        # Without a near point, the index is one past the last.
+        return np.append(self.affordance, 0.0)[nearest]
 
 
 @dataclass(frozen=True)

@@ -72,8 +72,10 @@ def symmetric_pass(above: float, below: float = np.inf, unless_expected: float =
     def pairs(
         region: RegionModel, feasibility: Feasibility, config: CandidateConfig
     ) -> GraspCandidates:
-        seen = region.cloud, region.symmetries.between(above, below), region.affordance
-        return symmetric_candidates(*seen, config, feasibility)
+        symmetries = region.symmetries.between(above, below)
+        return symmetric_candidates(
+            region.cloud, symmetries, region.affordance, config, feasibility
+        )
 
     return Pass(pairs, unless_expected, keeps_off_own_side=True)
 
@@ -100,9 +102,9 @@ class Attempt:
     without_own_side: Feasibility
     with_own_side: Feasibility
 
-    def checks_of(self, each: Pass) -> Feasibility:
+    def checks_of(self, step: Pass) -> Feasibility:
         """Return the checks of the grasps of a pass."""
-        return self.with_own_side if each.keeps_off_own_side else self.without_own_side
+        return self.with_own_side if step.keeps_off_own_side else self.without_own_side
 
 
 def attempts(measured: Feasibility, completion: Completion) -> Iterator[Attempt]:

@@ -29,13 +29,13 @@ from pipelines.grasping.passes import (
 )
 from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.ranking.grasp_features import GraspFeatures
-from pipelines.grasping.ranking.known_region import KnownRegion
 from pipelines.grasping.ranking.ranking import (
     Critic,
     critic_score,
     non_maximum_suppression,
     seen_score,
 )
+from pipelines.grasping.ranking.region_context import RegionContext
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 
 MIN_POINTS = 20  # fewer points show no surface
@@ -81,10 +81,15 @@ class RegionPlanner:
         passes = self.passes() if passes is None else passes
         config, cap = self.config.feasibility, self.config.ranking.clearance_cap
         feasibility = Feasibility.at(region.cloud, scene, self.gripper, config, cap)
-        seen = region.cloud, feasibility.scene, region.symmetries, region.completion.own
-        known = KnownRegion(*seen, feasibility.around.others.points)
+        context = RegionContext(
+            region.cloud,
+            feasibility.scene,
+            region.symmetries,
+            hidden=region.completion.own,
+            foreign=feasibility.around.others.points,
+        )
         for attempt in attempts(feasibility, region.completion):
-            found = self._by_passes(passes, region, attempt, known)
+            found = self._by_passes(passes, region, attempt, context)
             if len(found):
                 return found
         return RankedGrasps.empty()
@@ -94,17 +99,17 @@ class RegionPlanner:
         passes: Sequence[Pass],
         region: RegionModel,
         attempt: Attempt,
-        known: KnownRegion,
+        context: RegionContext,
     ) -> RankedGrasps:
         found = RankedGrasps.empty()
         enough = 0 if self.critic is None else self.config.ranking.alternatives
-        for each in passes:
-            suffices = self._expected(found) >= each.unless_expected
+        for step in passes:
+            suffices = self._expected(found) >= step.unless_expected
             if suffices and len(found) >= enough:
                 continue
-            checks = attempt.checks_of(each)
-            candidates = each.candidates(region, checks, self.config.candidates)
-            more = self._select(candidates, checks, known)
+            checks = attempt.checks_of(step)
+            candidates = step.candidates(region, checks, self.config.candidates)
+            more = self._select(candidates, checks, context)
             if suffices:  # alternatives: the best grasp stays the best
                 best = found.rank_score[0]
                 more = replace(more, rank_score=np.minimum(more.rank_score, best))
@@ -118,35 +123,39 @@ class RegionPlanner:
         return 1.0 if self.critic is None else float(found.rank_score[0])
 
     def _select(
-        self, candidates: GraspCandidates, feasibility: Feasibility, known: KnownRegion
+        self, candidates: GraspCandidates, feasibility: Feasibility, context: RegionContext
     ) -> RankedGrasps:
         """Return the candidates that are feasible at an approach angle, best first.
 
         The most stable pairs are tried first; `max_ranked` feasible grasps are ranked.
         """
         base = GraspPoses.from_contacts(candidates.contacts, candidates.approach)
-        stability = candidates.quality * _centredness(base, known.region)
+        stability = candidates.quality * _centredness(base, context.region)
         order = np.argsort(-stability, kind="stable")
         grasps, row = feasibility.reachable(base[order], candidates.angles)
         pair = order[row]
-        caps = self.config.ranking
-        least = caps.min_stability if self.critic is None else caps.critic_min_stability
-        free, enclosed = feasibility.first_free(grasps, stability[pair], least, caps.max_ranked)
+        config = self.config.ranking
+        least = config.min_stability if self.critic is None else config.critic_min_stability
+        free, enclosed = feasibility.first_free(grasps, stability[pair], least, config.max_ranked)
         grasps, pair = grasps[free], pair[free]
         found = RankedGrasps(  # with b and h of Eq. 8, not yet ranked
             grasps,
             candidates.affordance[pair],
             candidates.slot[pair],
             np.full(len(pair), candidates.source),
-            clearance=feasibility.clearance(grasps, caps.clearance_cap),
-            enclosed_height=np.minimum(enclosed, caps.enclosed_height_cap),
+            clearance=feasibility.clearance(grasps, config.clearance_cap),
+            enclosed_height=np.minimum(enclosed, config.enclosed_height_cap),
             rank_score=np.zeros(len(pair)),
         )
-        best = self._best_first(found, stability[pair], feasibility, known)
-        return with_opening_margin(best, feasibility, caps.clearance_cap)
+        best = self._best_first(found, stability[pair], feasibility, context)
+        return with_opening_margin(best, feasibility, config.clearance_cap)
 
     def _best_first(
-        self, found: RankedGrasps, stability: Array, feasibility: Feasibility, known: KnownRegion
+        self,
+        found: RankedGrasps,
+        stability: Array,
+        feasibility: Feasibility,
+        context: RegionContext,
     ) -> RankedGrasps:
         """Return `found` by rank, without alike grasps and grasps without a free approach path."""
         if not len(found):
@@ -155,7 +164,7 @@ class RegionPlanner:
         if self.critic is None:
             score = seen_score(found, visible, self.config.ranking)
         else:
-            features = GraspFeatures(found, stability, visible, known)
+            features = GraspFeatures(found, stability, visible, context)
             score = critic_score(features, self.critic, self.config.ranking)
         # At equal scores, the more stable grasp comes first.
         order = np.lexsort((-stability, -np.round(score, 6)))

@@ -54,12 +54,16 @@ class SceneCloud:
         depth = np.asarray(self.depth, np.float32)
         return np.asarray(np.abs(cv2.medianBlur(depth, 5) - depth) > STRAY)
 
+    @property
+    def near(self) -> Mask:
+        """(H, W) pixels with depth below `MAX_RANGE`, without strays."""
+        return (self.depth > 0) & (self.depth < MAX_RANGE) & ~self.stray
+
     @cached_property
     def coarse(self) -> Obstacles:
         """The points of every `STRIDE`-th pixel each way, except strays and points on the table."""
         some = (slice(STRIDE // 2, None, STRIDE),) * 2
-        points = self.xyz[some]
-        points = points[(self.depth[some] > 0) & (points[..., 2] < MAX_RANGE) & ~self.stray[some]]
+        points = self.xyz[some][self.near[some]]
         if self.plane is not None:
             points = points[self.plane.height(points) > NEVER_MET]
         return Obstacles(points, np.full(len(points), STRIDE**2))

@@ -1,1 +1,1 @@
-"""Computation of a frame's grasps: models, regions, and work on many frames."""
+"""Computation of a frame's grasps: models, regions, and runs over many frames."""

@@ -1,4 +1,4 @@
-"""Work on frames as they arrive in a folder, and the output of all frames so far."""
+"""Grasps of frames as they arrive in a folder, and the output of all frames so far."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -11,16 +11,16 @@ from pipelines.configs import WatchConfig
 from pipelines.errors import SymgraspError
 from pipelines.frames.rgbd import FrameSource
 from pipelines.grasp_files import grasps_file
-from pipelines.inference.pictures import draw_missing
-from pipelines.inference.watching import Arrival, Clock, Lister, Watcher
-from pipelines.inference.work import (
+from pipelines.inference.infer_run import (
     STAGE,
-    Work,
+    InferRun,
     earlier_frames,
     has_shard,
     infer_frame,
     refuse_stale,
 )
+from pipelines.inference.pictures import draw_missing
+from pipelines.inference.watching import Arrival, Clock, Lister, Watcher
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 
 log = logging.getLogger(__name__)
@@ -58,7 +58,7 @@ class _TakesTooLong(Exception):  # noqa: N818 - it ends a thread of ours
 class Follower:
     """The state of all frames so far."""
 
-    work: Work
+    run: InferRun
     watch: WatchConfig
     options: BatchOptions
     notify: Callable[[FrameOutcome], None]
@@ -80,8 +80,8 @@ class Follower:
 
     def __post_init__(self) -> None:
         self.watcher = Watcher(self.watch)
-        find = partial(self.work.find, may_be_empty=True)
-        self.lister = Lister(find, self.work.settings.paths.frames, self.watch)
+        find = partial(self.run.find, may_be_empty=True)
+        self.lister = Lister(find, self.run.settings.paths.frames, self.watch)
         self.started = self.last_work = self.clock.now()
 
     def begin(self, *, overwrite: bool) -> None:
@@ -91,14 +91,14 @@ class Follower:
             StaleOutputError: the earlier run had other settings.
             SymgraspError: frames of the earlier run are missing.
         """
-        self.listed = self.work.find(may_be_empty=True)
+        self.listed = self.run.find(may_be_empty=True)
         if overwrite:
-            grasps_file.remove_shards(self.work.output)
+            grasps_file.remove_shards(self.run.output)
         else:
-            self.items = earlier_frames(self.work)
-            refuse_stale(self.work, {*self.items, *(source.name for source in self.listed)})
-        self.is_changed = bool(self.items) and not self.work.output.exists()
-        self.work.settings.planner()
+            self.items = earlier_frames(self.run)
+            refuse_stale(self.run, {*self.items, *(source.name for source in self.listed)})
+        self.is_changed = bool(self.items) and not self.run.output.exists()
+        self.run.settings.planner()
         self.started = self.last_work = self.clock.now()
 
     def poll(self) -> None:
@@ -140,7 +140,7 @@ class Follower:
             log.warning(
                 "%s does not hold all frames, as writing it takes over %g s; run the same command "
                 "without --watch to complete it",
-                self.work.output,
+                self.run.output,
                 LONGEST_END,
             )
         self.report.failed = {name: why for name, why in self.failed.items() if name in names}
@@ -159,12 +159,12 @@ class Follower:
         return self.watcher.arrivals(self.listed, self.clock.now())
 
     def _work_on(self, arrivals: Sequence[Arrival]) -> None:
-        items = self.work.items([arrival.source for arrival in arrivals])
+        items = self.run.items([arrival.source for arrival in arrivals])
         if any(item.name in self.items for item in items):
             self._await_output()  # it reads the shards that are now overwritten
         finished = [item for item in items if has_shard(item)]
         todo = [item for item in items if item not in finished]
-        step = partial(infer_frame, settings=self.work.settings)
+        step = partial(infer_frame, settings=self.run.settings)
         # Shards of earlier files are overwritten only once there is a new result.
         options = replace(self.options, overwrite=True)
         report = run_batch(STAGE, todo, step, options, self.threads)
@@ -181,7 +181,7 @@ class Follower:
                     item.target.unlink(missing_ok=True)  # a shard of earlier files
                 self._report(item.name, arrival, item, sentence)
         found = [(item, item.target, 0) for item in finished]
-        for name, why in draw_missing(self.work.settings, found, self.options).items():
+        for name, why in draw_missing(self.run.settings, found, self.options).items():
             log.warning("%s: %s", name, why)
 
     def _report(self, name: str, arrival: Arrival, item: WorkItem, sentence: str | None) -> None:
@@ -218,7 +218,7 @@ class Follower:
         items = [self.items[name] for name in order]
         self.writing_began = self.clock.now()
         arguments = items, dict(self.failed), self._check_deadline
-        self.writing = self.writer.submit(self.work.assemble, *arguments)
+        self.writing = self.writer.submit(self.run.assemble, *arguments)
         self.is_changed = False
 
     def _check_deadline(self) -> None:

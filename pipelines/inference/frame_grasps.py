@@ -94,18 +94,21 @@ class Planner:
         where the user allows grasps; None for everywhere.
         """
         started = time.monotonic()
-        seen = observe(
+        observation = observe(
             frame, self.config, rng, detector=self.detector, masks=masks, workspace=workspace
         )
+        config = self.config
         if self.peer is None:
-            regions, plans = self._region_by_region(seen, rng)
-            kept, ranker = self.config, self._region_planner.ranker
-            reason = why_empty(seen, None if masks is None else self.config.min_region_pixels)
+            regions, plans = self._region_by_region(observation, rng)
+            ranker = self._region_planner.ranker
+            reason = why_empty(observation, None if masks is None else config.min_region_pixels)
         else:
-            regions, plans = plans_of_frame(self.peer, frame, seen, self.gripper, self.config, rng)
-            kept, ranker = replace(self.config, max_grasps_per_region=MOST_GRASPS), OWN_SCORE
-            reason = f"{self.config.method} finds no allowed grasp with a sufficient score"
-        grasps = grasp_table(plans, kept, ranker)
+            regions, plans = plans_of_frame(
+                self.peer, frame, observation, self.gripper, config, rng
+            )
+            config, ranker = replace(config, max_grasps_per_region=MOST_GRASPS), OWN_SCORE
+            reason = f"{config.method} finds no allowed grasp with a sufficient score"
+        grasps = grasp_table(plans, config, ranker)
         return FrameResult(
             name=frame.name,
             status="ok" if len(grasps) else "empty",
@@ -117,7 +120,7 @@ class Planner:
         )
 
     def _region_by_region(
-        self, seen: Observation, rng: np.random.Generator
+        self, observation: Observation, rng: np.random.Generator
     ) -> tuple[list[Region], list[Plan]]:
         """Return the regions of a frame and the plan of each, in up to three passes.
 
@@ -125,21 +128,21 @@ class Planner:
         again, as separate pieces. The third seeks planar grasps for regions that have no grasp yet.
         A piece is the part of a region in one of the segments that the depth shows.
         """
-        regions, clouds = seen.in_workspace()
+        regions, clouds = observation.in_workspace()
         graspable = [region.is_graspable for region in regions]
-        planned = iter(self._region_plans(list(compress(clouds, graspable)), seen, rng))
-        plans = [next(planned) if each else Plan(RankedGrasps.empty()) for each in graspable]
+        planned = iter(self._region_plans(list(compress(clouds, graspable)), observation, rng))
+        plans = [next(planned) if sought else Plan(RankedGrasps.empty()) for sought in graspable]
         if self.config.method == "random":
             return regions, plans
-        regions, plans = self._split_into_pieces(regions, plans, seen, rng)
+        regions, plans = self._split_into_pieces(regions, plans, observation, rng)
         plans = [
-            self._grasps_on_piece(plan, region.mask, seen)
+            self._grasps_on_piece(plan, region.mask, observation)
             if region.is_graspable and not len(plan.grasps)
             else plan
             for plan, region in zip(plans, regions, strict=True)
         ]
         plans = [
-            plan.with_scores_times(region.confidence) if region.is_rated else plan
+            plan.weighted_by(region.confidence) if region.is_rated else plan
             for plan, region in zip(plans, regions, strict=True)
         ]
         return regions, plans
@@ -158,32 +161,40 @@ class Planner:
         return by_network or self.symmetry_peer is not None
 
     def _region_plans(
-        self, clouds: list[RegionCloud], seen: Observation, rng: np.random.Generator
+        self, clouds: list[RegionCloud], observation: Observation, rng: np.random.Generator
     ) -> list[Plan]:
         """Return the plan of each of `clouds`, all regions of a frame."""
-        planner, selection, scene = self._region_planner, self.config.selection, seen.scene
+        planner, selection, scene = self._region_planner, self.config.selection, observation.scene
         if not self._knows_symmetries:
-            only = (random_pass(rng) if self.config.method == "random" else planar_pass(),)
-            return [Plan(planner.plan(RegionModel(cloud), scene, only)) for cloud in clouds]
+            only = random_pass(rng) if self.config.method == "random" else planar_pass()
+            return [Plan(planner.plan(RegionModel(cloud), scene, (only,))) for cloud in clouds]
         large = [index for index, cloud in enumerate(clouds) if len(cloud) >= MIN_POINTS]
-        predicted = self._predictions([clouds[i] for i in large], seen)
-        critics = self.symmetry_critics if selection.symmetry.is_fitted else None
-        critics = critics if self.symmetry_peer is None else None
+        predicted = self._predictions([clouds[i] for i in large], observation)
+        is_fitted = selection.symmetry.is_fitted and self.symmetry_peer is None
+        critics = self.symmetry_critics if is_fitted else None
         plans = [Plan(RankedGrasps.empty()) for _ in clouds]
         models = region_models(predicted, scene, selection, critics)
-        for index, each, model in zip(large, predicted, models, strict=True):
-            plans[index] = Plan(planner.plan(model, scene), model.symmetries, each)
+        for index, prediction, model in zip(large, predicted, models, strict=True):
+            plans[index] = Plan(planner.plan(model, scene), model.symmetries, prediction)
         return plans
 
-    def _predictions(self, clouds: list[RegionCloud], seen: Observation) -> list[PredictedRegion]:
+    def _predictions(
+        self, clouds: list[RegionCloud], observation: Observation
+    ) -> list[PredictedRegion]:
         """Return the predictions of the network, or of a compared method, for `clouds`."""
         if self.symmetry_peer is not None:
-            return compared_regions(clouds, seen.scene, seen.color, self.symmetry_peer)
+            return compared_regions(
+                clouds, observation.scene, observation.color, self.symmetry_peer
+            )
         assert self.predictor is not None
-        return predicted_regions(clouds, seen.scene.plane, self.predictor)
+        return predicted_regions(clouds, observation.scene.plane, self.predictor)
 
     def _split_into_pieces(
-        self, regions: list[Region], plans: list[Plan], seen: Observation, rng: np.random.Generator
+        self,
+        regions: list[Region],
+        plans: list[Plan],
+        observation: Observation,
+        rng: np.random.Generator,
     ) -> tuple[list[Region], list[Plan]]:
         """Return regions and plans, with detections without a symmetric grasp in pieces (D. 97).
 
@@ -191,7 +202,7 @@ class Planner:
         other pieces with grasps become separate regions. A single piece replaces its detection
         (D. 145).
         """
-        config, labels = self.config, seen.segments.labels
+        config, labels = self.config, observation.segments.labels
         if not self._knows_symmetries or config.regions != "auto":
             return regions, plans
         pieces = {
@@ -200,10 +211,10 @@ class Planner:
             if region.source == "detector" and not plan.rests_on_symmetry
         }
         flat = [(index, i, mask) for index in pieces for i, mask in enumerate(pieces[index])]
-        clouds = [RegionCloud.from_mask(mask, seen.scene) for _, _, mask in flat]
+        clouds = [RegionCloud.from_mask(mask, observation.scene) for _, _, mask in flat]
         regions, plans = list(regions), list(plans)
         for (index, rank, mask), plan in zip(
-            flat, self._region_plans(clouds, seen, rng), strict=True
+            flat, self._region_plans(clouds, observation, rng), strict=True
         ):
             if len(pieces[index]) == 1:
                 regions[index], plans[index] = replace(regions[index], mask=mask), plan
@@ -214,10 +225,10 @@ class Planner:
                 plans.append(plan)
         return regions, plans
 
-    def _grasps_on_piece(self, plan: Plan, mask: Mask, seen: Observation) -> Plan:
+    def _grasps_on_piece(self, plan: Plan, mask: Mask, observation: Observation) -> Plan:
         """Return `plan` with planar grasps on a piece of `mask` (H, W), if a piece has any."""
-        inside, scene = self.config.min_piece_inside, seen.scene
-        for segment in seen.segments.masks if self.config.regions != "detector" else ():
+        inside, scene = self.config.min_piece_inside, observation.scene
+        for segment in observation.segments.masks if self.config.regions != "detector" else ():
             piece = segment & mask
             if np.count_nonzero(piece) < inside * np.count_nonzero(segment):
                 continue

@@ -159,26 +159,28 @@ def _status(cloud: RegionCloud, segments: GeometricRegions) -> str:
     return REGION_MEASURED if height > least else REGION_FLAT
 
 
-def why_empty(seen: Observation, mask_pixels: int | None = None) -> str:
+def why_empty(observation: Observation, mask_pixels: int | None = None) -> str:
     """Return the reason why no region of a frame has a grasp.
 
     `mask_pixels`: smallest number of pixels of an instance in the user's masks; None without masks.
     """
     if mask_pixels is None:
-        return _why_none_graspable(seen)
-    total = len(seen.regions) + seen.too_small
+        return _why_none_graspable(observation)
+    total = len(observation.regions) + observation.too_small
     if not total:
         return "the masks contain no instance; number the pixels of each instance, from 1"
-    reasons = [_why_none_graspable(seen)] if seen.regions else []
-    if seen.too_small:
-        small = f"{seen.too_small} of {total} instances of the masks were dropped as too small"
+    reasons = [_why_none_graspable(observation)] if observation.regions else []
+    if observation.too_small:
+        small = (
+            f"{observation.too_small} of {total} instances of the masks were dropped as too small"
+        )
         reasons += [small, f"an instance needs {mask_pixels} pixels"]
     return "; ".join(reasons)
 
 
-def _place_of_regions(seen: Observation) -> str:
+def _place_of_regions(observation: Observation) -> str:
     """Return a sentence on the place of the regions, as a box in the frame of the workspace."""
-    limits, clouds = seen.scene.limits, [cloud for cloud in seen.clouds if len(cloud)]
+    limits, clouds = observation.scene.limits, [cloud for cloud in observation.clouds if len(cloud)]
     if limits is None or not clouds:
         return "they have no depth"
     middles = transform_points(limits.T_box_cam, np.array([cloud.middle for cloud in clouds]))
@@ -189,18 +191,19 @@ def _place_of_regions(seen: Observation) -> str:
     return f"their middles are at {metres} m in the {frame} frame; see `symgrasp workspace`"
 
 
-def _why_none_graspable(seen: Observation) -> str:
-    clouds, limits = seen.clouds, seen.scene.limits
+def _why_none_graspable(observation: Observation) -> str:
+    clouds, limits = observation.clouds, observation.scene.limits
     if clouds and all(len(cloud) < MIN_POINTS for cloud in clouds):
         measured = f"too little depth was measured in {len(clouds)} regions"
         return f"{measured}; a region needs {MIN_POINTS} points"
-    if not clouds and seen.improbable:
-        return f"the detector rates {seen.improbable} regions as no objects; see min_rating"
+    if not clouds and observation.improbable:
+        return f"the detector rates {observation.improbable} regions as no objects; see min_rating"
     if not clouds:
         return "nothing stands out from its support; is an object within reach of the camera?"
-    inside = len(seen.in_workspace()[0])
+    inside = len(observation.in_workspace()[0])
     if not inside:
-        return f"none of {len(clouds)} regions is in the workspace; {_place_of_regions(seen)}"
+        place = _place_of_regions(observation)
+        return f"none of {len(clouds)} regions is in the workspace; {place}"
     if limits is not None:
         return f"none of {inside} regions in the workspace has a grasp within the given limits"
     return f"none of {inside} regions has a grasp that the gripper reaches without collision"

@@ -9,8 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from pipelines.grasp_files.grasps_stream import read_index, read_results
-from pipelines.inference.run_settings import Settings
-from pipelines.inference.work import STAGE, overlay_path, reporting_write_errors
+from pipelines.inference.infer_run import STAGE, overlay_path, reporting_write_errors
+from pipelines.inference.run_settings import RunSettings
 from pipelines.pictures.overlays import is_drawn, write_overlay
 from pipelines.runtime.batch import BatchOptions, WorkItem, run_batch
 
@@ -26,7 +26,7 @@ def results_of_output(output: Path, items: Sequence[WorkItem]) -> Iterator[Found
 
 
 def draw_missing(
-    settings: Settings, frames: Iterable[FoundResult], options: BatchOptions
+    settings: RunSettings, frames: Iterable[FoundResult], options: BatchOptions
 ) -> dict[str, str]:
     """Draw the pictures of `frames` that are missing or show other results, if any are wanted.
 

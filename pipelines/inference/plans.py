@@ -34,15 +34,15 @@ class Plan:
         """Whether the best grasp is a symmetric one."""
         return len(self.grasps) > 0 and bool(self.grasps.slot[0] >= 0)
 
-    def with_scores_times(self, probability: float) -> Self:
-        """Return the plan with scores of grasps on a region that is an object by `probability`."""
+    def weighted_by(self, probability: float) -> Self:
+        """Return the plan with scores times the `probability` that the region is an object."""
         scores = self.grasps.rank_score * probability
         return replace(self, grasps=replace(self.grasps, rank_score=scores))
 
     @property
     def existence(self) -> Array:
         """Probability (5,) of each symmetry slot by the network; nan without a prediction."""
-        return np.full(5, np.nan) if self.predicted is None else self.predicted.slots.existence
+        return np.full(5, np.nan) if self.predicted is None else self.predicted.slots.probability
 
     def sources(self, slot: Indices) -> NDArray[np.object_]:
         """Return (n,) the source of the symmetry in each `slot` (n,); empty for slot -1."""
@@ -65,7 +65,7 @@ def region_table(regions: list[Region], plans: list[Plan]) -> RegionTable:
         source=[region.source for region in regions],
         status=[region.status for region in regions],
         existence=np.array([plan.existence for plan in plans]).reshape(-1, 5),
-        symmetry_confidence=np.array([s.existence for s in symmetries]).reshape(-1, 5),
+        symmetry_confidence=np.array([s.probability for s in symmetries]).reshape(-1, 5),
         symmetry_point=np.array([s.point for s in symmetries]).reshape(-1, 5, 3),
         symmetry_direction=np.array([s.direction for s in symmetries]).reshape(-1, 5, 3),
         affordance_mean=[float(plan.affordance.mean()) for plan in plans],

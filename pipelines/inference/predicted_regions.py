@@ -73,13 +73,14 @@ def region_models(
     critics: SymmetryCritics | None,
 ) -> list[RegionModel]:
     """Return the models of all regions of a frame; without critics, symmetries are not fitted."""
-    symmetries = [each.slots for each in predicted]
+    clouds, symmetries = [p.cloud for p in predicted], [p.slots for p in predicted]
     if critics is not None:
-        others = scene, critics, config.symmetry.candidates
-        symmetries = [ground_symmetries(p.slots, p.cloud, *others) for p in predicted]
-    clouds, resolution = [each.cloud for each in predicted], config.feasibility.scene_resolution
+        sources = config.symmetry.candidates
+        symmetries = [
+            ground_symmetries(slots, cloud, scene, critics, sources)
+            for slots, cloud in zip(symmetries, clouds, strict=True)
+        ]
+    resolution = config.feasibility.scene_resolution
     unseen = completions(clouds, scene, symmetries, config.symmetry, resolution)
-    return [
-        RegionModel(each.cloud, known, each.affordance, completion)
-        for each, known, completion in zip(predicted, symmetries, unseen, strict=True)
-    ]
+    affordance = [p.affordance for p in predicted]
+    return [*map(RegionModel, clouds, symmetries, affordance, unseen)]

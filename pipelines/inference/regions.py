@@ -95,7 +95,7 @@ def _from_detections(
             continue
         if config.clip_detections:
             mask = mask & known
-        if not segments.may_be_thing(mask):
+        if not segments.may_be_object(mask):
             continue
         free &= ~mask
         regions.append(Region(mask, float(detection.confidence), "detector"))
@@ -171,10 +171,10 @@ def with_containers_joined(regions: list[Region], segments: GeometricRegions) ->
     if not regions:
         return regions
     step = working_step(segments.bare.shape)
-    labels = np.zeros(segments.things.xyz.shape[:2], np.int32)
+    labels = np.zeros(segments.criteria.xyz.shape[:2], np.int32)
     for number, region in enumerate(regions, 1):
         labels[region.mask[::step, ::step]] = number
-    result, found = list(regions), insides(labels, segments.things)
+    result, found = list(regions), insides(labels, segments.criteria)
     for inside, outside in found.items():
         one, other = result[inside - 1], result[outside - 1]
         best = min(one, other, key=lambda region: SOURCES.index(region.source))

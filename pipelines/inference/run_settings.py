@@ -54,7 +54,7 @@ class InferPaths:
 
 
 @dataclass(frozen=True)
-class Settings:
+class RunSettings:
     """Settings and inputs that all frames of a run share; picklable."""
 
     paths: InferPaths

@@ -5,7 +5,7 @@ from dataclasses import replace
 from joblib import cpu_count, delayed
 
 from pipelines.inference import models
-from pipelines.inference.run_settings import Settings
+from pipelines.inference.run_settings import RunSettings
 from pipelines.runtime.batch import CHOSEN, BatchOptions
 from pipelines.runtime.clusters import CLUSTERS, workers_of
 
@@ -28,7 +28,7 @@ def options_for_frames(options: BatchOptions, frames: int, device: str) -> Batch
     return replace(options, workers=min(cpu_count(), MAX_THREADS), backend="threading")
 
 
-def load_in_workers(settings: Settings, options: BatchOptions) -> None:
+def load_in_workers(settings: RunSettings, options: BatchOptions) -> None:
     """Load all networks in every worker, so that a failure is reported once.
 
     Raises:
@@ -41,5 +41,5 @@ def load_in_workers(settings: Settings, options: BatchOptions) -> None:
             list(run(delayed(_load)(settings) for _ in range(options.workers)))
 
 
-def _load(settings: Settings) -> None:
+def _load(settings: RunSettings) -> None:
     settings.planner()

@@ -68,7 +68,7 @@ def _changed_at(folder: Path) -> int:
 
 
 @dataclass
-class _Seen:
+class _FrameState:
     """The last seen state of a frame."""
 
     state: State
@@ -91,49 +91,50 @@ class Watcher:
 
     def __init__(self, config: WatchConfig) -> None:
         self._config = config
-        self._seen: dict[str, _Seen] = {}
+        self._frames: dict[str, _FrameState] = {}
 
     def arrivals(self, sources: Sequence[FrameSource], now: float) -> list[Arrival]:
         """Return the frames to read at the time `now`, the longest unchanged first.
 
         A frame is returned until it is finished or put off.
         """
-        seen = {}
+        frames = {}
         for source in sources:
             state = state_of(source)
             if state is None:
                 continue
-            before = self._seen.get(source.name)
-            seen[source.name] = before if before and before.state == state else _Seen(state, now)
-        self._seen = seen
+            before = self._frames.get(source.name)
+            unchanged = before if before and before.state == state else None
+            frames[source.name] = unchanged or _FrameState(state, now)
+        self._frames = frames
         arrivals = [
-            Arrival(source, seen[source.name].since, seen[source.name].put_off)
+            Arrival(source, frames[source.name].since, frames[source.name].put_off)
             for source in sources
-            if source.name in seen and self._is_due(seen[source.name], now)
+            if source.name in frames and self._is_due(frames[source.name], now)
         ]
         return sorted(arrivals, key=lambda arrival: arrival.since)
 
     def finish(self, name: str) -> None:
         """Note that a frame is finished until its files change."""
-        if name in self._seen:  # the frame may be gone
-            self._seen[name].finished = True
+        if name in self._frames:  # the frame may be gone
+            self._frames[name].finished = True
 
     def put_off(self, name: str) -> None:
         """Note that a frame could not be read yet."""
-        if name in self._seen:
-            self._seen[name].put_off = True
+        if name in self._frames:
+            self._frames[name].put_off = True
 
     def is_waiting(self) -> bool:
         """Return whether there are frames that may be incomplete."""
-        return any(not each.finished and not each.put_off for each in self._seen.values())
+        return any(not frame.finished and not frame.put_off for frame in self._frames.values())
 
     def last_change(self) -> float | None:
         """Return the time of the last change of any frame; None without frames."""
-        return max((each.since for each in self._seen.values()), default=None)
+        return max((frame.since for frame in self._frames.values()), default=None)
 
-    def _is_due(self, each: _Seen, now: float) -> bool:
-        wait = self._config.patience if each.put_off else self._config.settle
-        return not each.finished and now - each.since >= wait
+    def _is_due(self, frame: _FrameState, now: float) -> bool:
+        wait = self._config.patience if frame.put_off else self._config.settle
+        return not frame.finished and now - frame.since >= wait
 
 
 def state_of(source: FrameSource) -> State | None:

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import KDTree
 
-from pipelines.array_types import Array, Mask
+from pipelines.array_types import Array, Indices, Mask
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import invert, transform_points
 from pipelines.grasping.grasps import GraspPoses, to_graspnet
@@ -15,9 +15,9 @@ from pipelines.grasping.gripper import Gripper
 from pipelines.metrics.antipodal import closing_region_score, contact_pair_score
 from pipelines.metrics.contacts import Contacts, close_fingers
 from pipelines.metrics.force_closure import MAX_FRICTION, min_friction, quality
+from pipelines.metrics.graspnet.box_collision import VOXEL, voxel_means
 from pipelines.metrics.graspnet.graspnet_ap import accuracy
 from pipelines.metrics.graspnet.graspnet_frames import ExactScene, SolidObject, score_rows
-from pipelines.metrics.graspnet.peer_collision import VOXEL, voxel_means
 from pipelines.metrics.mesh_collision import MeshCollider, hits_table
 
 # Reasons for an object's score, in the order in which a grasp can fail.
@@ -55,6 +55,19 @@ class TrueScene:
     poses: Mapping[int, Array]  # `T_cam_obj` (4, 4) by object id
     T_table_cam: Array  # (4, 4); the table's top is z = 0, z up
     surroundings: Sequence[MeshCollider] = ()  # walls, bins and the like, table frame
+
+    def nearest_object(self, points: Array) -> Indices:
+        """Return (n,) the id of the object nearest to each of `points`; -1 without objects.
+
+        `points`: (n, 3) camera frame.
+        """
+        ids = sorted(self.poses)
+        if not ids:
+            return np.full(len(points), -1)
+        places = [transform_points(invert(self.poses[i]), points) for i in ids]
+        pairs = zip(ids, places, strict=True)
+        distances = np.stack([np.asarray(self.objects[i].tree.query(p)[0]) for i, p in pairs])
+        return np.asarray(np.array(ids)[distances.argmin(axis=0)])
 
     def accuracy(self, grasps: GraspPoses, score: Array, gripper: Gripper) -> Array:
         """Return the accuracy (50, 6) of a frame's `grasps` by GraspNet's protocol, exactly.

@@ -148,7 +148,7 @@ def _draw_symmetries(
         table.symmetry_point[region].astype(float),
         table.symmetry_direction[region].astype(float),
     )
-    found = np.flatnonzero(slots.existence > 0.5).tolist()
+    found = np.flatnonzero(slots.probability > 0.5).tolist()
     existing = [slot for slot in found if _is_known(slots, slot)]
     cloud = frame.intrinsics.backproject(frame.depth)[mask & (frame.depth > 0)]
     if not existing or not len(cloud):

@@ -224,7 +224,7 @@ def _packed(cloud: LabelledCloud) -> PackedRegion:
     return PackedRegion(
         points=cloud.points.astype(np.float32),
         affordance=cloud.affordance.astype(np.float32),
-        existence=cloud.slots.existence.astype(np.float32),
+        existence=cloud.slots.probability.astype(np.float32),
         point=cloud.slots.point.astype(np.float32),
         direction=cloud.slots.direction.astype(np.float32),
         table=table_row(cloud.table).astype(np.float32),

@@ -12,9 +12,9 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.numerics.quantiles import median
 from pipelines.geometry.pointcloud import Plane
 from pipelines.tabletop.depth_segments import Labels, segment
+from pipelines.tabletop.regions.object_criteria import ObjectCriteria
 from pipelines.tabletop.regions.pieces import Box, pieces_of_labels
 from pipelines.tabletop.regions.standing import standing as standing_pieces
-from pipelines.tabletop.regions.things import Things
 from pipelines.tabletop.tabletop import find_tabletop
 
 WORKING_WIDTH = 640  # pixels; larger images are thinned to about this width
@@ -29,28 +29,28 @@ class GeometricRegions:
         plane: support plane, camera frame, normal to the camera's side; None without one.
         foreground: (H, W) pixels above the plane, in a region or not.
         bare: (H, W) pixels measured on the plane.
-        things: tests of further regions, at the working size.
+        criteria: for further regions, at the working size.
     """
 
     labels: Labels
     plane: Plane | None
     foreground: Mask
     bare: Mask
-    things: Things
+    criteria: ObjectCriteria
 
     def least_height(self, z: float) -> float:
         """Return the height over the plane that stands out from noise at depth `z`, metres."""
-        return float(self.things.top.threshold(z, self.things.config))
+        return float(self.criteria.tabletop.threshold(z, self.criteria.config))
 
-    def may_be_thing(self, mask: Mask) -> bool:
+    def may_be_object(self, mask: Mask) -> bool:
         """Return whether `mask` (H, W) is no wall, no arm and not too large; True without depth."""
         step = working_step(mask.shape)
-        return self.things.may_be(mask[::step, ::step])
+        return self.criteria.may_be_object(mask[::step, ::step])
 
     @property
     def hanging(self) -> Mask:
         """The pixels (H, W) of pieces that do not reach down to the support; a copy."""
-        return enlarged(self.things.hanging, self.labels.shape) > 0
+        return enlarged(self.criteria.hanging, self.labels.shape) > 0
 
     @property
     def masks(self) -> list[Mask]:
@@ -75,13 +75,15 @@ def geometric_regions(
     camera = Intrinsics(fx, fy, cx, cy, small.shape[1], small.shape[0])
     xyz = camera.backproject(small)
     ground_seen = None if ground is None else ground[::step, ::step]
-    top = find_tabletop(xyz, camera, config, rng, ground_seen)
-    pieces, whole = segment(xyz, top.foreground, top.clear, camera.fx, config)
-    standing = standing_pieces(xyz, whole, top, camera, config)
-    things = Things(xyz, top, ~standing[whole], config)
-    labels = _sound_regions(pieces, things)
-    above, bare = (enlarged(image, depth.shape) > 0 for image in (top.foreground, top.bare))
-    return GeometricRegions(enlarged(labels, depth.shape), top.plane, above, bare, things)
+    tabletop = find_tabletop(xyz, camera, config, rng, ground_seen)
+    pieces, whole = segment(xyz, tabletop.foreground, tabletop.clear, camera.fx, config)
+    standing = standing_pieces(xyz, whole, tabletop, camera, config)
+    criteria = ObjectCriteria(xyz, tabletop, ~standing[whole], config)
+    labels = _sound_regions(pieces, criteria)
+    above, bare = (
+        enlarged(image, depth.shape) > 0 for image in (tabletop.foreground, tabletop.bare)
+    )
+    return GeometricRegions(enlarged(labels, depth.shape), tabletop.plane, above, bare, criteria)
 
 
 def working_step(shape: tuple[int, ...]) -> int:
@@ -105,17 +107,17 @@ def enlarged(image: NDArray[np.generic], shape: tuple[int, ...]) -> Labels:
     return labels
 
 
-def _sound_regions(labels: Labels, things: Things) -> Labels:
+def _sound_regions(labels: Labels, criteria: ObjectCriteria) -> Labels:
     """Renumber the regions that may be objects, holes filled, nearest first; drop the others."""
     kept: list[tuple[float, Mask, Box]] = []
-    for piece in pieces_of_labels(labels, things.xyz, things.config.min_pixels):
-        if things.hanging.ravel()[piece.pixels[0]]:
+    for piece in pieces_of_labels(labels, criteria.xyz, criteria.config.min_pixels):
+        if criteria.hanging.ravel()[piece.pixels[0]]:
             continue
         mask = labels[piece.box] == piece.label
         if (
-            things.has_size_and_place(piece.points, piece.pixels)
-            and things.stands_out(piece.points)
-            and not things.is_smear(piece.points)
+            criteria.has_size_and_place(piece.points, piece.pixels)
+            and criteria.stands_out(piece.points)
+            and not criteria.is_smear(piece.points)
         ):
             filled = without_holes(mask) & ((labels[piece.box] == 0) | mask)
             kept.append((float(median(piece.points[:, 2])), filled, piece.box))

@@ -51,7 +51,7 @@ class _Candidate:
 
 
 @dataclass(frozen=True)
-class _Seen:
+class _PixelSample:
     """A sample of n pixels."""
 
     u: Array  # (n,) columns
@@ -60,6 +60,11 @@ class _Seen:
     points: Array  # (3, n) metres, camera frame
     area: Array  # (n,) square metres that a pixel represents
     weight: Array  # (n,)
+
+    def beyond(self, affine: Affine) -> Array:
+        """Return inverse depths (n,) minus the plane's: positive for pixels nearer than it."""
+        a, b, c = affine
+        return self.disparity - (a * self.u + b * self.v + c)
 
     def value(self, candidate: _Candidate) -> float:
         """Return the weighted evidence of all pixels for a candidate."""
@@ -101,47 +106,47 @@ def find_support(
     # A few stray pixels at the lens would outweigh a table by their inverse depth (D. 102).
     weight = np.minimum(disparity, quantiles(disparity, 1.0 - CLOSEST_SHARE)) ** 2
     area = step * points[2] ** 2 / (intrinsics.fx * intrinsics.fy)  # of a surface facing the camera
-    seen = _Seen(u, v, disparity, points, area, weight)
-    found = _candidates(seen, intrinsics, config, rng)
-    best = max(found, key=seen.value, default=None)
+    pixels = _PixelSample(u, v, disparity, points, area, weight)
+    found = _candidates(pixels, intrinsics, config, rng)
+    best = max(found, key=pixels.value, default=None)
     if best is None:
         return None
     # More of a bin's side than of its floor may be visible (D. 129).
     best = max(
-        (each for each in found if _is_floor(each, best, seen)), key=seen.value, default=best
+        (each for each in found if _is_floor(each, best, pixels)), key=pixels.value, default=best
     )
     # Pixels nearer than the plane weigh no more than pixels of the plane.
     most = float(quantiles(weight[best.evidence > 0], 1.0 - CLOSEST_SHARE))
-    share = seen.value(best) / float(np.minimum(weight, most).sum())
+    share = pixels.value(best) / float(np.minimum(weight, most).sum())
     return best.support if share > config.min_plane_share else None
 
 
 def _candidates(
-    seen: _Seen, intrinsics: Intrinsics, config: RegionConfig, rng: np.random.Generator
+    pixels: _PixelSample, intrinsics: Intrinsics, config: RegionConfig, rng: np.random.Generator
 ) -> list[_Candidate]:
     """Return up to `MAX_PLANES` candidates; set the `weight` of pixels of small planes to 0."""
     found: list[_Candidate] = []
-    left = np.ones(len(seen.u), np.bool_)
+    left = np.ones(len(pixels.u), np.bool_)
     for _ in range(MAX_PLANES + MAX_SMALL_PLANES):
         rest = np.flatnonzero(left)
-        best = max(map(seen.value, found), default=0.0)
-        if len(rest) < MIN_PIXELS or seen.weight @ left <= best or len(found) == MAX_PLANES:
+        best = max(map(pixels.value, found), default=0.0)
+        if len(rest) < MIN_PIXELS or pixels.weight @ left <= best or len(found) == MAX_PLANES:
             break  # no further plane can be better
-        drawn = seen.u.take(rest), seen.v.take(rest), seen.disparity.take(rest)
-        affine = _ransac(*drawn, config.plane_tolerance, rng)
+        u, v, disparity = (each.take(rest) for each in (pixels.u, pixels.v, pixels.disparity))
+        affine = _ransac(u, v, disparity, config.plane_tolerance, rng)
         if affine is None:  # all pixels lie on one line
             break
-        residual = seen.disparity - (affine[0] * seen.u + affine[1] * seen.v + affine[2])
+        residual = pixels.beyond(affine)
         inliers = np.abs(residual) < config.plane_tolerance
         own = inliers & left
         if np.count_nonzero(own) < MIN_PIXELS / 10:
             break
         left &= ~inliers
-        if seen.area @ own < config.min_support_area:
-            seen.weight[own] = 0.0
+        if pixels.area @ own < config.min_support_area:
+            pixels.weight[own] = 0.0
             continue
         plane, behind = _plane_of(affine, intrinsics), residual < -2.0 * config.plane_tolerance
-        beneath = _seen_through(seen.points, behind, plane, _in_large_parts(seen, inliers))
+        beneath = _seen_through(pixels.points, behind, plane, _in_large_parts(pixels, inliers))
         # For a camera that looks down, a table's normal leans to the image's top (negative y), a
         # wall's to its bottom. Cameras upside down are possible, so the latter only weigh less.
         facing = 1.0 if plane.normal[1] < 0.3 else 0.6
@@ -150,7 +155,7 @@ def _candidates(
     return found
 
 
-def _is_floor(candidate: _Candidate, best: _Candidate, seen: _Seen) -> bool:
+def _is_floor(candidate: _Candidate, best: _Candidate, pixels: _PixelSample) -> bool:
     """Return whether `candidate` is the floor of a bin of which `best` is a side.
 
     A floor is at more than 15 degrees to that side and almost entirely surrounded by nearer
@@ -158,9 +163,7 @@ def _is_floor(candidate: _Candidate, best: _Candidate, seen: _Seen) -> bool:
     """
     if abs(candidate.support.plane.normal @ best.support.plane.normal) > SIDE:
         return False
-    a, b, c = candidate.support.affine
-    over = seen.disparity - (a * seen.u + b * seen.v + c)
-    cells = seen.covered(candidate.evidence > 0, 0.5)
+    cells = pixels.covered(candidate.evidence > 0, 0.5)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(cells, connectivity=4)
     if count < 2:
         return False
@@ -170,16 +173,16 @@ def _is_floor(candidate: _Candidate, best: _Candidate, seen: _Seen) -> bool:
     cv2.fillConvexPoly(outline, cv2.convexHull(np.ascontiguousarray(corners)), 1)
     near, wide = (cv2.dilate(outline, np.ones((n, n), np.uint8)) > 0 for n in (3, 5))
     around = wide & ~near
-    nearer = seen.covered(over > 0.0, 0.8)
+    nearer = pixels.covered(pixels.beyond(candidate.support.affine) > 0.0, 0.8)
     return bool(np.count_nonzero(nearer[around]) > ENCLOSED * around.sum())
 
 
-def _in_large_parts(seen: _Seen, inliers: Mask) -> Mask:
+def _in_large_parts(pixels: _PixelSample, inliers: Mask) -> Mask:
     """Return the `inliers` (n,) in large parts of the image (D. 141).
 
     A cable next to a tray, as high as the tray, is no part of the tray's extent.
     """
-    return inliers & large_parts(seen.covered(inliers, 0.5)).ravel().take(seen.cells[0])
+    return inliers & large_parts(pixels.covered(inliers, 0.5)).ravel().take(pixels.cells[0])
 
 
 def large_parts(image: NDArray[np.uint8]) -> Mask:

@@ -70,15 +70,15 @@ def find_tabletop(
     near = near_pixels(z, config)
     bare = near if ground is None else near & ground
     support = find_support(xyz, bare, intrinsics, config, rng)
-    without = Tabletop(None, near, near, np.zeros_like(near), config.plane_tolerance / 3.0)
+    no_table = Tabletop(None, near, near, np.zeros_like(near), config.plane_tolerance / 3.0)
     if support is None:
-        return without
+        return no_table
     residual, inliers = _near_plane(z, near, support.affine, config.plane_tolerance)
     warp = _smooth(residual, inliers)
     some = _spread(inliers)
     noise = 1.4826 * float(median(np.abs(residual.take(some) - warp.take(some))))
-    top = Tabletop(support.plane, near, near, inliers, noise)
-    limits = config.min_height, top.height_noise, config.max_height
+    tabletop = Tabletop(support.plane, near, near, inliers, noise)
+    limits = config.min_height, tabletop.height_noise, config.max_height
     above, clear = _above(z, near, warp, support.affine, float(support.plane.offset), limits)
     above = np.asarray(cv2.medianBlur(above.view(np.uint8), 3)).view(np.bool_) & near
     points = xyz.reshape(-1, 3)
@@ -90,8 +90,8 @@ def find_tabletop(
     at = np.flatnonzero(above)
     above.ravel()[at] = table.contains(points.take(at, axis=0))
     if np.count_nonzero(above) < config.min_pixels and _is_lid(z, near, inliers, support, config):
-        return without
-    return replace(top, foreground=above, clear=above & clear, bare=inliers & ~above)
+        return no_table
+    return replace(tabletop, foreground=above, clear=above & clear, bare=inliers & ~above)
 
 
 def _is_lid(z: Array, near: Mask, inliers: Mask, support: Support, config: RegionConfig) -> bool:

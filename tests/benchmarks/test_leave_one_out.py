@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks import leave_one_out
-from benchmarks.leave_one_out import Memory, left_out, measure, page
+from benchmarks.leave_one_out import Memory, left_out, measure, page, rule_differences
 from benchmarks.rules import (
     EVERY_RULE,
     RULES,
@@ -17,15 +17,27 @@ from benchmarks.rules import (
     rules_named,
 )
 from pipelines.compare import Figure
-from pipelines.configs import InferConfig
+from pipelines.configs import EvaluateConfig, InferConfig
 from pipelines.configs.presets import preset_settings
 from pipelines.configs.settings import changed
 from pipelines.errors import UnknownNameError
+from pipelines.evaluation.figures import report_rows
+from pipelines.evaluation.records import (
+    FrameRecord,
+    RowRecord,
+    ScoredPredictions,
+    records_folder,
+    write_frame_records,
+)
+from pipelines.evaluation.reports import write_report
+from pipelines.evaluation.tallies import ReportTally
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasping import planner
 from pipelines.grasping.symmetries.grounding import starting_axes
+from pipelines.metrics.grasp_verdicts import Verdict
 from pipelines.metrics.paired_bootstrap import Difference
 from pipelines.runtime.batch import StageReport
+from pipelines.storage.provenance import make_stamp
 
 
 @pytest.mark.parametrize("rule", RULES[1:], ids=lambda rule: rule.key)
@@ -89,6 +101,28 @@ def test_finished_folders_are_not_processed_again(monkeypatch, tmp_path):
     assert done == [tmp_path / "one", tmp_path / "two"]
 
 
+def test_the_figures_of_a_rule_are_over_all_datasets_together(tmp_path):
+    datasets = []
+    for number in (100, 160):
+        record = FrameRecord(
+            f"scenes/scene_{number:04d}/kinect/0000",
+            "seen",
+            0.1,
+            ScoredPredictions(0),
+            {"ours": RowRecord([Verdict(0, "held", number / 200)])},
+        )
+        stamp, report = (
+            make_stamp("evaluate", EvaluateConfig()),
+            tmp_path / "all" / f"{number}.json",
+        )
+        write_frame_records(records_folder(report) / "scene.json", [record], stamp)
+        write_report(report, report_rows(ReportTally.of([record]), (0.25,), 0.05), stamp)
+        datasets.append(tmp_path / str(number))
+    figures = rule_differences(RULES[:1], datasets, tmp_path)[EVERY_RULE]
+    (quality,) = (each for each in figures if each.metric == "grasp_quality")
+    assert (quality.frames, quality.values) == (2, [0.65, 0.65])
+
+
 def test_the_table_shows_figures_of_all_rules_then_differences_with_intervals():
     def figure(value):
         difference = Difference(value, value - 0.002, value + 0.001, 24)
@@ -113,7 +147,7 @@ def test_left_out_candidates_are_missing_from_the_proposals():
     points, normals = np.random.default_rng(0).normal(size=(2, 60, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     slots = SymmetrySlots.of(())
-    slots.existence[:], slots.point[:], slots.direction[:] = 1.0, 0.0, [0.0, 0.0, 1.0]
+    slots.probability[:], slots.point[:], slots.direction[:] = 1.0, 0.0, [0.0, 0.0, 1.0]
     every, sources = starting_axes(slots, points, normals, None)
     fewer, kept = axes_without([0])(slots, points, normals, None)
     assert [axis.direction.tolist() for axis in fewer] == [

@@ -3,7 +3,7 @@
 import json
 from itertools import islice
 
-from benchmarks.long_run import HeldSample, frames, held_summary
+from benchmarks.long_run import ResourceSample, frames, resource_summary
 from pipelines.frames.frames import find_frames
 from pipelines.serving.posted_frames import posted_frame
 
@@ -19,6 +19,6 @@ def test_frames_can_be_read_and_posted_and_all_differ(tmp_path):
 
 
 def test_the_summary_compares_the_last_quarter_with_the_first_after_the_warm_up():
-    samples = [HeldSample(m, "serve", 7 * m, m % 5, 900.0 + m, 7, 6) for m in range(1, 25)]
-    row = held_summary(samples).splitlines()[2]
+    samples = [ResourceSample(m, "serve", 7 * m, m % 5, 900.0 + m, 7, 6) for m in range(1, 25)]
+    row = resource_summary(samples).splitlines()[2]
     assert row == "| `serve` | 168 | 24 | 907 | 922 | 924 | 7 | 7 | 6 | 6 | 4 |"

@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.configs.stages import default_settings
-from tests.tool_scripts import load
+from tools import docs_records
 
 ROOT = Path(__file__).resolve().parents[2]
-docs_records = load("docs_records")
 RECORDS = docs_records.read_records(ROOT)
 BY_NUMBER = {record.number: record for record in RECORDS}
 MAX_WORDS = 150

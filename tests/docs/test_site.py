@@ -7,10 +7,7 @@ import pytest
 import symgrasp
 from pipelines.configs.settings import settings_of
 from pipelines.configs.stages import STAGE_SETTINGS, default_settings
-from tests.tool_scripts import load
-
-docs_reference = load("docs_reference")
-docs_site = load("docs_site")
+from tools import docs_reference, docs_site
 
 
 def made(uri: str, markdown: str) -> str:

@@ -58,8 +58,8 @@ def test_masks_come_back_as_they_were():
 def test_slots_without_parameters_do_not_exist():
     slots = FramePredictions.from_result(result([], [], [])).row.symmetries
     assert slots is not None
-    assert slots[0].existence.tolist() == [0.0] * 5
-    assert np.flatnonzero(slots[1].existence).tolist() == [4]
+    assert slots[0].probability.tolist() == [0.0] * 5
+    assert np.flatnonzero(slots[1].probability).tolist() == [4]
 
 
 def test_a_frame_without_regions_predicts_nothing():

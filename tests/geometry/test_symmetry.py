@@ -63,7 +63,7 @@ def test_slots_hold_three_planes_one_axis_one_sphere():
     rng = np.random.default_rng(3)
     plane, axis, sphere = random_symmetries(rng)
     slots = SymmetrySlots.from_symmetries([axis, plane, plane, plane, plane, sphere])
-    assert slots.existence.tolist() == [1, 1, 1, 1, 1]
+    assert slots.probability.tolist() == [1, 1, 1, 1, 1]
     kinds = [slots.symmetry(slot).kind for slot in range(5)]
     assert kinds == [*["reflection"] * 3, "rotation", "sphere"]
     assert_allclose(slots.direction[3], axis.axis)
@@ -71,7 +71,7 @@ def test_slots_hold_three_planes_one_axis_one_sphere():
 
 def test_discrete_rotations_have_no_slot():
     discrete = RotationSymmetry([0, 0, 1], [0, 0, 0], order=6)
-    assert SymmetrySlots.from_symmetries([discrete]).existence.sum() == 0
+    assert SymmetrySlots.from_symmetries([discrete]).probability.sum() == 0
 
 
 def test_a_normal_without_a_direction_is_refused():

@@ -36,7 +36,7 @@ def test_moving_the_predictions_moves_the_average(seed):
     cosine = np.einsum("ki,ki->k", rotate_vectors(T, here.direction[:4]), there.direction[:4])
     np.testing.assert_allclose(np.abs(cosine), 1.0, atol=1e-9)
     np.testing.assert_allclose(transform_points(T, here.point), there.point, atol=1e-9)
-    np.testing.assert_allclose(here.existence, there.existence)
+    np.testing.assert_allclose(here.probability, there.probability)
 
 
 @given(seeds)
@@ -45,7 +45,7 @@ def test_the_average_does_not_depend_on_the_signs_of_the_normals(seed):
     rng = np.random.default_rng(seed)
     normals, existence, point, direction = noisy_predictions(rng)
     slots = mean_slots(existence, point, direction)
-    np.testing.assert_allclose(slots.existence, existence.mean(axis=0))
+    np.testing.assert_allclose(slots.probability, existence.mean(axis=0))
     np.testing.assert_allclose(slots.point, point.mean(axis=0))
     cosine = np.abs(np.einsum("ki,ki->k", slots.direction[:4], normals[:4]))
     assert (cosine > np.cos(0.02)).all()

@@ -195,7 +195,7 @@ class Expecting:
         self.direction, self.most = direction, most
 
     def __call__(self, features):
-        return self.most * np.abs(features.found.grasps.closing @ self.direction)
+        return self.most * np.abs(features.feasible.grasps.closing @ self.direction)
 
 
 def test_the_critic_decides_on_the_plane_of_the_best_grasp():
@@ -224,7 +224,7 @@ def test_planar_grasps_join_where_symmetric_grasps_score_low():
 def test_other_kinds_of_grasps_fill_a_short_list_after_the_best():
     pose, scene, region = seen([Box((0.06, 0.09, 0.1))])
     planes, across = box_planes(pose, 0.1), Expecting(pose[:3, :2] @ [0.8, 0.5])
-    planes.existence[0] = 0.0  # planar grasps across x score higher than symmetric ones across y
+    planes.probability[0] = 0.0  # planar grasps across x score higher than symmetric ones across y
     alone, filled = (
         symmetric(
             region,
@@ -257,7 +257,7 @@ def test_a_long_list_is_not_filled():
 def test_doubtful_planes_are_tried_where_all_other_grasps_score_low():
     pose, scene, region = seen([Box((0.06, 0.09, 0.1))])
     planes, bounds = box_planes(pose, 0.1), CONFIG.symmetry
-    planes.existence[1] = bounds.min_confidence / 2  # across the pose's y
+    planes.probability[1] = bounds.min_confidence / 2  # across the pose's y
     alone = changed(ranking={"alternatives": 0})
     sure = symmetric(region, scene, planes, alone, Expecting(pose[:3, 0]))
     assert len(sure)
@@ -472,8 +472,8 @@ def test_the_ranking_orders_the_most_stable_grasps():
 
     def lowest_first(features):
         stability, visible = features.stability, features.visible
-        scored.append((len(features.found), stability.min() / stability.max(), visible))
-        return -scene.plane.height(features.found.grasps.translation)
+        scored.append((len(features.feasible), stability.min() / stability.max(), visible))
+        return -scene.plane.height(features.feasible.grasps.translation)
 
     def ranked(min_stability, most):
         settings = {

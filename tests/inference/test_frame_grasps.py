@@ -52,7 +52,7 @@ class Oracle:
                 np.ones(len(cloud[::2])),
                 *(
                     np.tile(each, (len(cloud[::6]),) + (1,) * each.ndim)
-                    for each in (slots.existence, point, direction)
+                    for each in (slots.probability, point, direction)
                 ),
             )
             for cloud in clouds

@@ -44,7 +44,7 @@ class TwoPlanes(NoSymmetry):
             for axis in (0, 1)
         ]
         slots = SymmetrySlots.from_symmetries(planes)
-        votes = slots.existence, np.nan_to_num(slots.point), np.nan_to_num(slots.direction)
+        votes = slots.probability, np.nan_to_num(slots.point), np.nan_to_num(slots.direction)
         return [
             Prediction(
                 each.index,

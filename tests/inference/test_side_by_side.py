@@ -7,7 +7,7 @@ import pytest
 from pipelines.configs import InferConfig
 from pipelines.errors import SymgraspError
 from pipelines.inference import side_by_side as module
-from pipelines.inference.run_settings import InferPaths, Settings
+from pipelines.inference.run_settings import InferPaths, RunSettings
 from pipelines.inference.side_by_side import load_in_workers, options_for_frames
 from pipelines.runtime.batch import CHOSEN, BatchOptions
 
@@ -65,6 +65,6 @@ def test_a_network_that_does_not_load_is_reported_before_any_frame(
 ):
     (tmp_path / "w.safetensors").write_bytes(b"no weights")
     paths = InferPaths(tmp_path, tmp_path / "g.h5", **{model: tmp_path / "w.safetensors"})
-    settings = Settings(paths, config, 0, "cpu", timings=False)
+    settings = RunSettings(paths, config, 0, "cpu", timings=False)
     with pytest.raises(SymgraspError, match=r"w\.safetensors"):
         load_in_workers(settings, dataclasses.replace(OPTIONS, workers=2, backend=backend))

@@ -14,8 +14,8 @@ from pipelines.inference import models
 from pipelines.runtime.batch import BatchOptions
 from pipelines.storage.weights_manifest import MADE_BY, manifest_path, read_manifest
 from symgrasp_cli.app import app
-from tests import tool_scripts
 from tests.grasp_files.whole_file import read_whole
+from tools import golden_frame
 
 STALE = f"the manifest of the default weights is not of these weights: run `{MADE_BY}`"
 
@@ -84,7 +84,7 @@ def test_a_lost_manifest_fails_with_one_sentence(tmp_path):
 
 
 def test_the_manifest_equals_the_output_of_its_command(tmp_path):
-    tool_scripts.load("golden_frame").main(tmp_path)
+    golden_frame.main(tmp_path)
     made, kept = (read_manifest(manifest_path(f)) for f in (tmp_path, models.WEIGHTS))
     assert (kept.files, kept.frame) == (made.files, made.frame), STALE
     config = DoctorConfig()

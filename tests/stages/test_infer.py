@@ -29,9 +29,9 @@ from pipelines.errors import (
 )
 from pipelines.frames.frames import find_frames
 from pipelines.grasp_files import grasps_file
-from pipelines.inference import work
+from pipelines.inference import infer_run
 from pipelines.inference.models import GRASP_CRITIC_WEIGHTS
-from pipelines.inference.run_settings import Settings
+from pipelines.inference.run_settings import RunSettings
 from pipelines.runtime.batch import BatchOptions
 from pipelines.storage import provenance
 from pipelines.storage.files import write_json
@@ -110,7 +110,7 @@ def test_several_workers_write_the_same_bytes(frames, tmp_path):
 def test_frames_side_by_side_on_networks_write_the_bytes_of_one_thread(frames, tmp_path, threads):
     config, before = InferConfig(), torch.get_num_threads()
     paths = infer.InferPaths(frames, tmp_path / "one.h5")
-    settings = Settings(paths, config, 0, "cpu", timings=False)
+    settings = RunSettings(paths, config, 0, "cpu", timings=False)
     sources = find_frames(frames)
     with settings.one_core():
         results = [
@@ -140,7 +140,7 @@ def test_frames_side_by_side_on_networks_write_the_bytes_of_one_thread(frames, t
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_the_network_sees_mirror_images_if_set(frames, tmp_path, mirrored):
     paths = infer.InferPaths(frames, tmp_path / "g.h5")
-    settings = Settings(paths, InferConfig(mirrored=mirrored), 0, "cpu", timings=False)
+    settings = RunSettings(paths, InferConfig(mirrored=mirrored), 0, "cpu", timings=False)
     assert settings.planner().predictor.mirrored == mirrored
 
 
@@ -287,8 +287,8 @@ def test_overlays_are_drawn_of_finished_grasps(frames, tmp_path):
     run(frames, tmp_path / "g.h5", overlays=tmp_path / "finished")
     assert pictures_of(tmp_path / "finished") == pictures_of(tmp_path / "whole")
     # The output of a killed run that drew no pictures.
-    settings = Settings(infer.InferPaths(frames, tmp_path / "k.h5"), CONFIG, 0, "auto", False)
-    (item, *_) = work.Work(settings).items(find_frames(frames))
+    settings = RunSettings(infer.InferPaths(frames, tmp_path / "k.h5"), CONFIG, 0, "auto", False)
+    (item, *_) = infer_run.InferRun(settings).items(find_frames(frames))
     grasps_file.write(item.target, [shards[0]], item.stamp)
     assert run(frames, tmp_path / "k.h5", overlays=tmp_path / "killed").skipped == ["a"]
     assert pictures_of(tmp_path / "killed") == pictures_of(tmp_path / "whole")
@@ -327,7 +327,7 @@ def test_a_picture_that_cannot_be_drawn_is_named_and_the_grasps_stay(frames, tmp
         sources = find_frames(folder, *stated, **options)
         return [dataclasses.replace(sources[0], read=read), *sources[1:]]
 
-    monkeypatch.setattr(work, "find_frames", away)
+    monkeypatch.setattr(infer_run, "find_frames", away)
     report = run(frames, tmp_path / "g.h5", overlays=tmp_path / "pictures")
     assert (list(report.failed), report.skipped) == (["a"], ["b", "c"])
     assert "has grasps but no picture: the images are away" in report.failed["a"]

@@ -308,7 +308,7 @@ def test_an_output_that_cannot_be_written_raises_an_error(cell, monkeypatch):
     def full(*arguments):
         raise OSError("no space left on device")
 
-    monkeypatch.setattr(infer_watch.Work, "assemble", full)
+    monkeypatch.setattr(infer_watch.InferRun, "assemble", full)
     cell.writer = None
     cell.write("a")
     with pytest.raises(OSError, match="no space left"):

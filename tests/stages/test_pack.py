@@ -117,7 +117,7 @@ def test_symmetries_equal_the_objects_moved_by_its_pose(root, packed):
         expected = SymmetrySlots.from_symmetries(
             symmetry.transformed(pose) for symmetry in region.symmetries
         )
-        assert_array_equal(packed.existence[row], expected.existence)
+        assert_array_equal(packed.existence[row], expected.probability)
         assert_allclose(packed.point[row], expected.point, atol=1e-6)
         assert_allclose(packed.direction[row], expected.direction, atol=1e-6)
 
@@ -185,7 +185,7 @@ def test_counterparts_of_packed_points_lie_on_the_posed_object(root, surfaces, t
     for region in (reader[i] for i in range(len(reader))):
         to_object = invert(poses_of(root, region.frame_id)[region.object_id])
         slots = SymmetrySlots(region.existence, region.point, region.direction)
-        for slot in np.flatnonzero(slots.existence > 0.5):
+        for slot in np.flatnonzero(slots.probability > 0.5):
             images = slots.symmetry(slot).counterpart(region.points)
             gap = surfaces[region.object_id].distances(transform_points(to_object, images))[0]
             assert np.mean(gap < 0.003) > 0.95

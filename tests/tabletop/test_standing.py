@@ -21,7 +21,7 @@ def things_among(*shapes):
         shadow = np.roll(own, 6, axis=0) | np.roll(own, 3, axis=0)
         depth[shadow & ((index == -1) | (index == len(shapes)))] = 0.0
     regions = geometric_regions(depth, CAMERA, RegionConfig(), np.random.default_rng(0))
-    return [regions.may_be_thing(index == shape) for shape in range(len(shapes))]
+    return [regions.may_be_object(index == shape) for shape in range(len(shapes))]
 
 
 def test_an_arm_from_above_is_no_object_even_without_depth_beneath_it():

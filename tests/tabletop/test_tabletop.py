@@ -12,7 +12,7 @@ from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import unit
 from pipelines.tabletop.footprint import GRID_CELL, Footprint
 from pipelines.tabletop.organized import smooth_normals
-from pipelines.tabletop.regions.things import Things
+from pipelines.tabletop.regions.object_criteria import ObjectCriteria
 from pipelines.tabletop.regions_geometric import _sound_regions, geometric_regions
 from pipelines.tabletop.support_plane import large_parts
 from pipelines.tabletop.tabletop import (
@@ -328,8 +328,8 @@ def test_labels_with_gaps_give_the_same_regions():
     xyz = CAMERA.backproject(depth)
     top = find_tabletop(xyz, CAMERA, CONFIG, np.random.default_rng(0))
     labels = np.where(top.foreground, np.select([index == 0, index == 1], [3, 70], 0), 0)
-    things = Things(xyz, top, np.zeros(labels.shape, bool), CONFIG)
-    found = _sound_regions(labels.astype(np.int32), things)
+    criteria = ObjectCriteria(xyz, top, np.zeros(labels.shape, bool), CONFIG)
+    found = _sound_regions(labels.astype(np.int32), criteria)
     assert sorted(np.unique(found)) == [0, 1, 2]
     for number in (1, 2):
         assert len(np.unique(labels[(found == number) & (labels > 0)])) == 1

@@ -3,9 +3,7 @@
 import re
 
 import pipelines
-from tests import tool_scripts
-
-draw_map = tool_scripts.load("draw_map")
+from tools import draw_map
 
 
 def test_the_map_of_packages_equals_the_import_contract():

@@ -4,10 +4,8 @@ import numpy as np
 
 from pipelines.metrics.grasp_verdicts import TrueObject, TrueScene
 from pipelines.metrics.mesh_collision import MeshCollider
-from tests import tool_scripts
 from tests.metrics.shapes import ball, box, gripper, surface
-
-possible = tool_scripts.load("possible_grasps")
+from tools import possible_grasps as possible
 
 STANDING, SLAB = (0.04, 0.05, 0.10), (0.20, 0.15, 0.004)  # metres
 # Walls higher than the box, a millimetre from each of its sides.

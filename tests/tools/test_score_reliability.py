@@ -3,12 +3,12 @@
 import numpy as np
 from numpy.testing import assert_allclose
 
-from tools.score_reliability import Tried, excess, reliability_rows
+from tools.score_reliability import TriedGrasp, excess, reliability_rows
 
 
 def test_the_interval_is_over_scenes_and_not_over_similar_grasps():
     rng = np.random.default_rng(0)
-    alike = [Tried(scene, 0.8, held) for scene, held in enumerate(rng.random(10) < 0.5)]
+    alike = [TriedGrasp(scene, 0.8, held) for scene, held in enumerate(rng.random(10) < 0.5)]
     more, low, high = excess(alike)
     assert_allclose(more, 0.8 - np.mean([each.held for each in alike]))
     assert low < more < high
@@ -16,7 +16,7 @@ def test_the_interval_is_over_scenes_and_not_over_similar_grasps():
 
 
 def test_a_row_has_the_success_of_its_bin():
-    tried = [Tried(0, 0.95, True), Tried(0, 0.97, False), Tried(1, 0.1, False)]
+    tried = [TriedGrasp(0, 0.95, True), TriedGrasp(0, 0.97, False), TriedGrasp(1, 0.1, False)]
     rows = reliability_rows(tried)[2:]
     assert [row.split(" | ")[:4] for row in rows] == [
         ["| 0.1-0.2", "1", "0.10", "0.00"],

@@ -119,7 +119,7 @@ def prepare_layers(device: torch.device) -> None:
 
         torch.backends.cuda.matmul.allow_tf32 = True
         sampling._farthest_points.plain = sample_farthest
-        pointnet2.weighted_sum = gathered_sum  # type: ignore[assignment]
+        pointnet2.weighted_sum = gathered_sum  # type: ignore[attr-defined]
 
 
 def gathered_sum(values: Tensor, index: Tensor, weight: Tensor) -> Tensor:

@@ -156,13 +156,13 @@ def dump_tables(rows: Mapping[str, Mapping[str, DumpFigures]]) -> list[Table]:
         note="Frames without a readable file are absent and count 0; AP present leaves them out.",
         names=2,
     )
-    fates = Table(
+    outcomes = Table(
         "Outcomes of the ranked grasps, percent",
         ("camera", "split", *DUMP_REASONS, "grasps"),
         tuple((row, split, *_shares(f["reasons"])) for row, split, f in cells),
         names=2,
     )
-    return [precision, fates]
+    return [precision, outcomes]
 
 
 def _shares(reasons: Mapping[str, int]) -> list[str]:

@@ -29,7 +29,7 @@ def dump_page(report: Mapping[str, Any], name: str, faults: Mapping[str, str]) -
 
     `faults`: scene to a sentence on the fault of its files.
     """
-    precision, fates = dump_tables(report["rows"])
+    precision, outcomes = dump_tables(report["rows"])
     how = "exact contacts and collision" if report["exact"] else "as graspnetAPI computes it"
     return rendered(
         TEMPLATES / "dump.html",
@@ -44,7 +44,7 @@ def dump_page(report: Mapping[str, Any], name: str, faults: Mapping[str, str]) -
             for split, figures in splits.items()
             if figures["reasons"]
         ],
-        fates=fates,
+        outcomes=outcomes,
         colors=COLORS,
         words=WORDS,
         scenes=scene_table(report["scenes"]),

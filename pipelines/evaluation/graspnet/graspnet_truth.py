@@ -16,13 +16,13 @@ from pipelines.frames.graspnet_scene import ObjectPose, annotated_ids, read_anno
 from pipelines.geometry.meshes.mesh import sample_surface
 from pipelines.geometry.numerics.single_precision import single_precision_grid
 from pipelines.grasp_files.exports.graspnet_dump import DumpedScene
+from pipelines.metrics.graspnet.box_collision import NUM_CLOUD_SAMPLES, VOXEL, voxel_means
 from pipelines.metrics.graspnet.graspnet_frames import (
     ExactScene,
     GridObject,
-    PeerScene,
+    GridScene,
     SolidObject,
 )
-from pipelines.metrics.graspnet.peer_collision import NUM_CLOUD_SAMPLES, VOXEL, voxel_means
 from pipelines.metrics.mesh_collision import MeshCollider
 from pipelines.storage.provenance import FileVersion, digest_folder, digest_if_there, digest_text
 
@@ -43,7 +43,7 @@ class SceneTruth:
         """Read the data that all frames of a scene share."""
         return cls(root, files, exact, files.cam0_wrt_table @ files.camera_poses)
 
-    def frame(self, frame_id: int) -> tuple[list[int], PeerScene | ExactScene]:
+    def frame(self, frame_id: int) -> tuple[list[int], GridScene | ExactScene]:
         """Return the ids of a frame's objects, in the annotation's order, and its scene."""
         if frame_id >= len(self.T_table_cams):
             path = self.files.camera_folder / "camera_poses.npy"
@@ -59,7 +59,7 @@ class SceneTruth:
             return ids, ExactScene(solids, exact_poses, T_table_cam, self._walls)
         grids = [grid_object(self.root, i) for i in ids]
         poses = [pose.T_cam_obj.astype(np.float32) for pose in listed]
-        return ids, PeerScene(grids, poses, T_table_cam, self._wall_points)
+        return ids, GridScene(grids, poses, T_table_cam, self._wall_points)
 
     @functools.cached_property
     def _walls(self) -> list[MeshCollider]:

@@ -47,9 +47,18 @@ class Surroundings:
         low, high = region.points.min(axis=0), region.points.max(axis=0)
         centre, radius = (low + high) / 2.0, float(np.linalg.norm(high - low)) / 2.0 + reach
         window = _window(centre, radius, scene.intrinsics, scene.depth.shape)
-        seen = scene.depth, scene.intrinsics.image_plane, region.mask, window
-        found = _cells_about(*seen, centre, radius, resolution, _numbers(floor))
-        return cls(Obstacles(*found[:2]), Obstacles(*found[2:]), centre, radius, floor)
+        above, above_count, others, other_count = _cells_about(
+            scene.depth,
+            scene.intrinsics.image_plane,
+            region.mask,
+            window,
+            centre,
+            radius,
+            resolution,
+            _numbers(floor),
+        )
+        everything, foreign = Obstacles(above, above_count), Obstacles(others, other_count)
+        return cls(everything, foreign, centre, radius, floor)
 
     def with_unseen(self, points: Array) -> "Surroundings":
         """Return the surroundings with those of `points` (m, 3) in the ball and above the floor.

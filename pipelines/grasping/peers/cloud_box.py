@@ -5,7 +5,7 @@ import numpy as np
 from pipelines.array_types import Mask
 from pipelines.geometry.transforms import transform_points
 from pipelines.grasping.peers.darboux import MAX_HEIGHT, MIN_HEIGHT
-from pipelines.grasping.scene import MAX_RANGE, SceneCloud
+from pipelines.grasping.scene import SceneCloud
 from pipelines.tabletop.levelling import table_from_camera
 
 MARGIN = 0.02  # metres around the objects on the table
@@ -17,9 +17,9 @@ def boxed_points(scene: SceneCloud) -> Mask:
 
     Without a table, all near pixels are returned.
     """
-    near = (scene.depth > 0) & (scene.depth < MAX_RANGE) & ~scene.stray
+    near = scene.near
     if scene.plane is None or not near.any():
-        return np.asarray(near)
+        return near
     local = transform_points(table_from_camera(scene.plane), scene.xyz[near])
     height = local[:, 2]
     standing = (height > MIN_HEIGHT) & (height < MAX_HEIGHT)

@@ -15,9 +15,8 @@ from pipelines.grasping.peers.rectangles import angles, corners, opening_pixels,
 MAP_SIDE = 300  # pixels, shorter side of the image of the maps
 WIDEST = 150.0  # pixels, unit of the map `width`
 MIDDLE = 1.0 / 3.0  # painted part of a rectangle along its opening
-MIN_QUALITY = (
-    0.1  # least quality of a read grasp; 0.2 in the original, where labels cover more of an image
-)
+# Least quality of a read grasp; 0.2 in the original, where labels cover more of an image.
+MIN_QUALITY = 0.1
 PEAK_DISTANCE = 20  # pixels, along rows or columns, between grasps that are read
 MOST_PEAKS = 50
 QUALITY_BLUR, ANGLE_BLUR, WIDTH_BLUR = 2.0, 2.0, 1.0  # pixels, standard deviations

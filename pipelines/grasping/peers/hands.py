@@ -19,7 +19,7 @@ HAND_VOXEL = 0.005  # metres, cell of thinned clouds
 OPENING = 0.08  # metres, opening of PointNetGPD's hands
 HEIGHT = 0.02  # metres, height of every hand
 BEHIND = 0.02  # metres behind the point, where the closing region begins
-FINGER_LENGTH, THICKNESS, WAY_IN = 0.06, 0.01, 0.03  # metres, a hand in the collision test
+FINGER_LENGTH, THICKNESS, APPROACH_PATH = 0.06, 0.01, 0.03  # metres, a hand in the collision test
 MAX_FILLED = 0.01  # share of a hand's bodies' cells that may contain points
 MIN_CLOSED_ON = 20  # points between the fingers; fewer are not enough
 
@@ -77,21 +77,26 @@ def thinned(points: Array, size: float = HAND_VOXEL) -> Array:
 
 
 def free_hands(
-    hands: Hands, objects: Array, scene: Array, *, size: float = HAND_VOXEL, way_in: float = WAY_IN
+    hands: Hands,
+    objects: Array,
+    scene: Array,
+    *,
+    size: float = HAND_VOXEL,
+    approach_path: float = APPROACH_PATH,
 ) -> Mask:
     """Return a mask (n,) of hands that do not meet `scene` and close on some of `objects`.
 
-    Both clouds are thinned to cells of edge `size` metres; `way_in`: metres behind the palm that
-    must be free too.
+    Both clouds are thinned to cells of edge `size` metres; `approach_path`: metres behind the palm
+    that must be free too.
     """
-    body = (HEIGHT / 2, FINGER_LENGTH, THICKNESS, way_in)
+    body = (HEIGHT / 2, FINGER_LENGTH, THICKNESS, approach_path)
     rotation, origin, depth, half, objects, scene = map(
         np.ascontiguousarray,
         (hands.rotation, hands.origin, hands.depth, hands.opening / 2, objects, scene),
     )
     filled, _ = _occupancy(rotation, origin, depth, half, scene, body)
     _, inside = _occupancy(rotation, origin, depth, half, objects, body)
-    palm = (hands.opening + 2 * THICKNESS) * (THICKNESS + way_in)
+    palm = (hands.opening + 2 * THICKNESS) * (THICKNESS + approach_path)
     cells = HEIGHT * (2 * FINGER_LENGTH * THICKNESS + palm) / size**3
     return np.asarray((filled <= MAX_FILLED * cells) & (inside > 0))
 
@@ -115,13 +120,14 @@ def _occupancy(
 ) -> tuple[Indices, Indices]:
     """Return the number of `points` in the bodies of each hand, and between its fingers.
 
-    `half`: (n,) half openings. `body`: half height, length and thickness of the fingers, way in.
+    `half`: (n,) half openings. `body`: half height, length and thickness of the fingers, and the
+    approach path.
     """
-    level, length, thick, way_in = body
+    level, length, thick, approach_path = body
     filled, inside = np.zeros(len(depth), np.int64), np.zeros(len(depth), np.int64)
     for h in range(len(depth)):
         front = depth[h] - length
-        back = front - thick - way_in
+        back = front - thick - approach_path
         for n in range(len(points)):
             x, y = points[n, 0] - origin[h, 0], points[n, 1] - origin[h, 1]
             z = points[n, 2] - origin[h, 2]

@@ -5,7 +5,7 @@ import numpy as np
 from pipelines.array_types import Array
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.grasping.grasps import GraspPoses
-from pipelines.grasping.ranking.known_region import evenly_taken
+from pipelines.grasping.ranking.region_context import evenly_taken
 from pipelines.grasping.scene import RegionCloud
 
 # All chosen by eye; the shipped weights were trained with these values.

@@ -19,7 +19,7 @@ from pipelines.geometry.transforms import unit
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.ranking.contact_patches import PATCH_FEATURES, contact_patches
-from pipelines.grasping.ranking.known_region import KnownRegion
+from pipelines.grasping.ranking.region_context import RegionContext
 from pipelines.grasping.scene import RegionCloud
 
 # All chosen by eye; the shipped weights were trained with these values.
@@ -54,26 +54,26 @@ class GraspFeatures:
     """Features of k feasible grasps at a region.
 
     Attributes:
-        found: the grasps, with clearance and enclosed height.
+        feasible: the grasps, with clearance and enclosed height.
         stability: (k,) stability prior.
         visible: (k,) visible fraction of the space around the finger tips.
-        known: the region.
+        context: the region and its surroundings.
     """
 
-    found: RankedGrasps
+    feasible: RankedGrasps
     stability: Array
     visible: Array
-    known: KnownRegion
+    context: RegionContext
 
     @cached_property
     def _local(self) -> Singles:
         """The region's pool of points (k, 3, m) in the frame of each grasp."""
-        return grasp_frame(self.known.pool[0], self.found.grasps)
+        return grasp_frame(self.context.pool[0], self.feasible.grasps)
 
     @property
     def _half(self) -> Singles:
         """Distance (k,) from the midpoint of the contacts to a contact, metres."""
-        return (0.5 * self.found.grasps.width).astype(np.float32)
+        return (0.5 * self.feasible.grasps.width).astype(np.float32)
 
     @cached_property
     def _between_fingers(self) -> tuple[Singles, Singles]:
@@ -81,22 +81,22 @@ class GraspFeatures:
 
         Also the numbers (k, 2) of measured and of hidden points in this space.
         """
-        starts = np.concatenate([[0], np.cumsum(self.known.pool[1][:, 3:5].sum(axis=0))])
+        starts = np.concatenate([[0], np.cumsum(self.context.pool[1][:, 3:5].sum(axis=0))])
         return _between_fingers(self._local, self._half, starts.astype(np.int64))
 
     @property
     def _slot_confidence(self) -> Array:
         """Confidence (k,) in the symmetry of each grasp; 0 without a symmetry."""
-        slot = self.found.slot
-        return np.where(slot >= 0, self.known.symmetries.existence[np.maximum(slot, 0)], 0.0)
+        slot = self.feasible.slot
+        return np.where(slot >= 0, self.context.symmetries.probability[np.maximum(slot, 0)], 0.0)
 
     def points(self) -> Singles:
         """Return the `POINT_FEATURES` (k, 64, 11) of the points nearest to each closing gripper."""
         away = self._between_fingers[0]
         last = min(NUM_POINTS, away.shape[1]) - 1
         reach = np.ascontiguousarray(np.partition(away, last, axis=1)[:, last])
-        rotation = self.found.grasps.rotation.astype(np.float32)
-        return _nearest_rows(self._local, rotation, self._half, away, reach, self.known.pool[1])
+        rotation = self.feasible.grasps.rotation.astype(np.float32)
+        return _nearest_rows(self._local, rotation, self._half, away, reach, self.context.pool[1])
 
     def candidates(self) -> Singles:
         """Return the `CANDIDATE_FEATURES` (k, 49) of the grasps."""
@@ -110,29 +110,29 @@ def _along_axes(name: str, axes: int = 3) -> tuple[str, ...]:
 
 # Features that are computed together: their names, and their columns (k, names).
 CANDIDATE_BLOCKS: dict[tuple[str, ...], Callable[[GraspFeatures], Array | Singles | Mask]] = {
-    ("width",): lambda of: 10.0 * of.found.grasps.width,
-    _along_axes("up"): lambda of: np.einsum("kia,i->ka", of.found.grasps.rotation, of.known.up),
-    _along_axes("view", 2): lambda of: np.einsum(
-        "kia,ki->ka", of.found.grasps.rotation[..., :2], unit(of.found.grasps.translation)
+    ("width",): lambda f: 10.0 * f.feasible.grasps.width,
+    _along_axes("up"): lambda f: np.einsum("kia,i->ka", f.feasible.grasps.rotation, f.context.up),
+    _along_axes("view", 2): lambda f: np.einsum(
+        "kia,ki->ka", f.feasible.grasps.rotation[..., :2], unit(f.feasible.grasps.translation)
     ),
-    ("stability",): lambda of: of.stability,
-    ("visible_fraction",): lambda of: of.visible,
-    ("scene_clearance",): lambda of: 20.0 * of.found.clearance,
-    ("enclosed_height",): lambda of: 30.0 * of.found.enclosed_height,
-    ("affordance",): lambda of: of.found.affordance,
-    ("confidence",): lambda of: of._slot_confidence,
-    ("is_reflection",): lambda of: (of.found.slot >= 0) & (of.found.slot < ROTATION_SLOT),
-    ("is_rotation",): lambda of: of.found.slot == ROTATION_SLOT,
-    ("is_sphere",): lambda of: of.found.slot == SPHERE_SLOT,
-    ("is_planar",): lambda of: of.found.slot < 0,
-    ("height",): lambda of: 10.0 * of.known.heights(of.found.grasps.translation),
-    ("measured_between", "hidden_between"): lambda of: of._between_fingers[1] / 50.0,
-    PATCH_FEATURES: lambda of: contact_patches(of.found.grasps, of.known.region),
-    (*_along_axes("mean"), *_along_axes("spread"), *_along_axes("middle")): lambda of: _extent(
-        of.found.grasps, of.known.region
+    ("stability",): lambda f: f.stability,
+    ("visible_fraction",): lambda f: f.visible,
+    ("scene_clearance",): lambda f: 20.0 * f.feasible.clearance,
+    ("enclosed_height",): lambda f: 30.0 * f.feasible.enclosed_height,
+    ("affordance",): lambda f: f.feasible.affordance,
+    ("confidence",): lambda f: f._slot_confidence,
+    ("is_reflection",): lambda f: (f.feasible.slot >= 0) & (f.feasible.slot < ROTATION_SLOT),
+    ("is_rotation",): lambda f: f.feasible.slot == ROTATION_SLOT,
+    ("is_sphere",): lambda f: f.feasible.slot == SPHERE_SLOT,
+    ("is_planar",): lambda f: f.feasible.slot < 0,
+    ("height",): lambda f: 10.0 * f.context.heights(f.feasible.grasps.translation),
+    ("measured_between", "hidden_between"): lambda f: f._between_fingers[1] / 50.0,
+    PATCH_FEATURES: lambda f: contact_patches(f.feasible.grasps, f.context.region),
+    (*_along_axes("mean"), *_along_axes("spread"), *_along_axes("middle")): lambda f: _extent(
+        f.feasible.grasps, f.context.region
     ),
-    tuple(f"confidence_{slot}" for slot in range(NUM_SLOTS)): lambda of: np.broadcast_to(
-        of.known.symmetries.existence, (len(of.found), NUM_SLOTS)
+    tuple(f"confidence_{slot}" for slot in range(NUM_SLOTS)): lambda f: np.broadcast_to(
+        f.context.symmetries.probability, (len(f.feasible), NUM_SLOTS)
     ),
 }
 CANDIDATE_FEATURES = tuple(name for names in CANDIDATE_BLOCKS for name in names)

@@ -47,8 +47,8 @@ def eq8_score(clearance: ArrayLike, enclosed_height: ArrayLike, config: RankingC
 
 def critic_score(features: GraspFeatures, critic: Critic, config: RankingConfig) -> Array:
     """Return the expected quality (k,), reduced by the torque of the weight (D. 143)."""
-    known = features.known
-    arm = torque_arm(features.found.grasps, known.centre, known.up)
+    context = features.context
+    arm = torque_arm(features.feasible.grasps, context.centre, context.up)
     return np.asarray(critic(features) / (1.0 + (arm / config.half_torque_arm) ** 2))
 
 

@@ -44,7 +44,7 @@ NUM_POINTS = 400  # of the region for fits; chosen by eye, as the next two
 STRIDE = 4  # every STRIDE-th of these points is turned about each axis
 TURNS = np.radians([60.0, 120.0, 180.0, 240.0, 300.0])
 SOURCE_NAMES = ("", "network", "shape", "both")  # by the bits of a candidate's sources
-BY_CANDIDATES: dict[SymmetrySource, int] = {
+SOURCE_BITS: dict[SymmetrySource, int] = {
     "network": NETWORK,
     "shape": SHAPE,
     "network+shape": NETWORK | SHAPE,
@@ -106,13 +106,12 @@ def ground_symmetries(
 
     Planes are ordered by confidence and may move to other slots.
     """
-    allowed = BY_CANDIDATES[candidates]
-    seen = slots, *fitted_points(region), scene
-    axis = axis_evidence(*seen, allowed).best(critics.axes)
-    sphere = sphere_evidence(*seen, allowed).best(critics.axes)
-    _, points, normals, _ = seen
-    known = RegionEvidence(slots, axis[0], points, normals, region.mask, scene, allowed)
-    planes = likely_planes(known, critics.planes)
+    allowed = SOURCE_BITS[candidates]
+    points, normals = fitted_points(region)
+    axis = axis_evidence(slots, points, normals, scene, allowed).best(critics.axes)
+    sphere = sphere_evidence(slots, points, normals, scene, allowed).best(critics.axes)
+    evidence = RegionEvidence(slots, axis[0], points, normals, region.mask, scene, allowed)
+    planes = likely_planes(evidence, critics.planes)
     fitted: list[tuple[int, Symmetry, float, int]] = [
         (slot, *plane) for slot, plane in zip(REFLECTION_SLOTS, planes, strict=False)
     ]
@@ -142,7 +141,7 @@ def axis_evidence(
     axes, feet = np.array([fit.direction for fit in fits]), np.array([fit.point for fit in fits])
     images = _turned(points[::STRIDE], axes, feet)
     free = in_observed_frustum(images.reshape(-1, 3), scene).reshape(images.shape[:-1])
-    existence = np.full(len(fits), slots.existence[ROTATION_SLOT])
+    existence = np.full(len(fits), slots.probability[ROTATION_SLOT])
     support = np.array([fit.support for fit in fits])
     rows = np.stack([existence, support, free.mean(axis=(0, 2))], axis=1)
     symmetries = [RotationSymmetry(*each) for each in zip(axes, feet, strict=True)]
@@ -162,27 +161,29 @@ def starting_axes(
     half its height. If only the lid of a tin is seen, the axis is the lid's normal through the
     middle of its outline.
     """
-    named, lines = slots.point[ROTATION_SLOT], []
-    if allowed & NETWORK:
-        lines.append((slots.direction[ROTATION_SLOT], named, NETWORK))
+    by_network = bool(allowed & NETWORK)
+    anchor, lines = slots.point[ROTATION_SLOT] if by_network else points.mean(axis=0), []
+    if by_network:
+        lines.append((slots.direction[ROTATION_SLOT], anchor, NETWORK))
     if allowed & SHAPE:
-        if not allowed & NETWORK:
-            named = points.mean(axis=0)
-        lines += _axes_from_shape(points, normals, table, named, allowed)
+        lines += _axes_from_shape(points, normals, table, anchor, allowed)
     axes = [RotationSymmetry(direction, point) for direction, point, _ in lines]
     return axes, np.array([source for _, _, source in lines])
 
 
 def _axes_from_shape(
-    points: Array, normals: Array, table: Plane | None, named: Array, through_named: int
+    points: Array, normals: Array, table: Plane | None, anchor: Array, anchored: int
 ) -> list[tuple[Array, Array, int]]:
-    """Return direction, point and source of axes by shape, some through the point `named`."""
+    """Return direction, point and source of axes by shape.
+
+    Axes through the point `anchor` (3,), the network's if it is allowed, have sources `anchored`.
+    """
     face = largest_face(normals)
-    lines = [(direction, named, through_named) for direction in axes_of_spread(points).T]
+    lines = [(direction, anchor, anchored) for direction in axes_of_spread(points).T]
     lines.append((face, middle_of_outline(points, face), SHAPE))
     if table is not None:
         up = table.normal
-        lines += [(up, named, through_named), (up, middle_of_outline(points, up), SHAPE)]
+        lines += [(up, anchor, anchored), (up, middle_of_outline(points, up), SHAPE)]
         along = level_directions(points, table)
         lines += [(*line, SHAPE) for line in _lying(points, along, table)]
     return lines
@@ -229,6 +230,6 @@ def sphere_evidence(
     fit = fit_sphere(start, points, normals)
     sphere = SphereSymmetry(fit.point)
     free = in_observed_frustum(sphere.counterpart(points), scene)
-    existence = float(slots.existence[SPHERE_SLOT])
+    existence = float(slots.probability[SPHERE_SLOT])
     row = np.array([[existence, fit.support, free.mean()]])
     return Evidence([sphere], row, np.array([NETWORK if by_network else SHAPE]))

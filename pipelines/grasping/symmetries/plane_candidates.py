@@ -31,7 +31,7 @@ MIN_SIDE_POINTS = 10
 SAME_ANGLE = np.radians(8.0)  # starts closer than both limits lead to one fit
 SAME_OFFSET = 0.004  # metres
 
-NamedPlane = tuple[Array, Array, int]  # normal, point, source
+SourcedPlane = tuple[Array, Array, int]  # normal, point, source
 
 
 def candidate_planes(
@@ -49,11 +49,11 @@ def candidate_planes(
     sources to use.
     """
     middle = points.mean(axis=0)
-    named = [(slots.direction[k], slots.point[k], NETWORK) for k in REFLECTION_SLOTS]
+    proposed = [(slots.direction[k], slots.point[k], NETWORK) for k in REFLECTION_SLOTS]
     if allowed & SHAPE:
         first, last = _from_shape(axis, points, normals, table)
-        named = [*first, *named, *last]
-    chosen = [each for each in named if each[2] & allowed]
+        proposed = [*first, *proposed, *last]
+    chosen = [each for each in proposed if each[2] & allowed]
     normal = unit(np.array([direction for direction, _, _ in chosen]))
     offset = np.einsum("ki,ki->k", np.array([point for _, point, _ in chosen]) - middle, normal)
     foot = middle + offset[:, None] * normal  # point nearest to the middle
@@ -64,17 +64,17 @@ def candidate_planes(
 
 def _from_shape(
     axis: RotationSymmetry, points: Array, normals: Array, table: Plane | None
-) -> tuple[list[NamedPlane], list[NamedPlane]]:
+) -> tuple[list[SourcedPlane], list[SourcedPlane]]:
     """Return planes from the region's shape, and planes positioned by the axis."""
-    directions, named = face_directions(points, normals), []
+    directions, proposed = face_directions(points, normals), []
     if table is not None:
         directions += level_directions(points, table)
-        named.append((table.normal, halfway_up(points, table), SHAPE))
+        proposed.append((table.normal, halfway_up(points, table), SHAPE))
     across = [*directions, axis.direction]
     middles = half_between_ends(points, np.array(across))
-    named += [(d, middle * d, SHAPE) for d, middle in zip(across, middles, strict=True)]
+    proposed += [(d, middle * d, SHAPE) for d, middle in zip(across, middles, strict=True)]
     # The middle of a half hidden object is not the middle of its seen part, but may be on the axis.
-    return named, [(d, axis.point, SHAPE) for d in directions]
+    return proposed, [(d, axis.point, SHAPE) for d in directions]
 
 
 def half_between_ends(points: Array, directions: Array) -> Array:

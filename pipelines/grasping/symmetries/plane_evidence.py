@@ -87,8 +87,8 @@ def likely_planes(
     confidence = critic.probability(*critic_inputs(planes, region))
     order = np.argsort(-confidence, kind="stable")
     chosen, _ = merged_planes([planes[i] for i in order], sources[order], RIVALS, np.inf)
-    known = {id(planes[i]): (float(confidence[i]), int(sources[i])) for i in order}
-    return [(plane, *known[id(plane)]) for plane in chosen[: len(REFLECTION_SLOTS)]]
+    scored = {id(planes[i]): (float(confidence[i]), int(sources[i])) for i in order}
+    return [(plane, *scored[id(plane)]) for plane in chosen[: len(REFLECTION_SLOTS)]]
 
 
 def fitted_planes(region: RegionEvidence) -> tuple[list[ReflectionSymmetry], Indices]:
@@ -97,8 +97,9 @@ def fitted_planes(region: RegionEvidence) -> tuple[list[ReflectionSymmetry], Ind
     Alike planes are merged, with the sources of all.
     """
     points, normals, table = region.points, region.normals, region.scene.plane
-    seen = points, normals, table
-    starts, sources = candidate_planes(region.slots, region.axis, *seen, region.allowed)
+    starts, sources = candidate_planes(
+        region.slots, region.axis, points, normals, table, region.allowed
+    )
     fits = fit_reflections(starts, points, normals)
     better = [ReflectionSymmetry(fit.direction, fit.point) for fit in fits]
     return merged_planes([*starts, *better], np.concatenate([sources, sources]), *SAME_FIT)

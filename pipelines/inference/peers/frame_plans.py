@@ -33,7 +33,7 @@ FrameMethod = Callable[[Frame, SceneCloud, np.random.Generator], tuple[GraspPose
 def plans_of_frame(
     peer: FrameMethod,
     frame: Frame,
-    seen: Observation,
+    observation: Observation,
     gripper: Gripper,
     config: InferConfig,
     rng: np.random.Generator,
@@ -42,13 +42,13 @@ def plans_of_frame(
 
     Grasps on no region belong to an additional last region, the rest of the image.
     """
-    grasps, score = best_first(*peer(frame, seen.scene, rng), seen.scene)
-    regions, clouds = seen.in_workspace()
+    grasps, score = best_first(*peer(frame, observation.scene, rng), observation.scene)
+    regions, clouds = observation.in_workspace()
     owner = region_of_each(grasps, clouds)
     if config.selects_for_peers:
-        kept = feasible_grasps(grasps, owner, clouds, seen.scene, gripper, config.selection)
+        kept = feasible_grasps(grasps, owner, clouds, observation.scene, gripper, config.selection)
         grasps, score, owner = grasps[kept], score[kept], owner[kept]
-    kept = non_maximum_suppression(grasps, NMS_DISTANCE, NMS_ANGLE)[:MOST_GRASPS]
+    kept = best_distinct(grasps)
     owner = owner[kept]
     if (owner == len(regions)).any():
         taken = [region.mask for region in regions]
@@ -65,6 +65,11 @@ def best_first(grasps: GraspPoses, score: Array, scene: SceneCloud) -> tuple[Gra
         order = order[scene.limits.allow(grasps[order])]
     order = order[:MOST_COMPARED]
     return grasps[order], score[order]
+
+
+def best_distinct(grasps: GraspPoses) -> Indices:
+    """Return the indices of up to `MOST_GRASPS` of `grasps`, best first, that are not alike."""
+    return non_maximum_suppression(grasps, NMS_DISTANCE, NMS_ANGLE)[:MOST_GRASPS]
 
 
 def feasible_grasps(
@@ -84,8 +89,8 @@ def feasible_grasps(
         own = np.flatnonzero(owner == place)
         if not len(own) or not len(cloud):
             continue
-        checks = config.feasibility, config.ranking.clearance_cap
-        feasibility = Feasibility.at(cloud, scene, gripper, *checks)
+        cap = config.ranking.clearance_cap
+        feasibility = Feasibility.at(cloud, scene, gripper, config.feasibility, cap)
         reached, row = feasibility.reachable(grasps[own], AS_GIVEN)
         free, _ = feasibility.first_free(reached, np.ones(len(reached)), 0.0, len(reached))
         free = free[feasibility.has_free_path(reached[free])]

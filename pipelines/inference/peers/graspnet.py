@@ -12,11 +12,11 @@ from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.peers.cloud_box import boxed_points
 from pipelines.grasping.peers.hands import Hands, drawn_points, free_hands, hand_grasps, thinned
-from pipelines.grasping.scene import MAX_RANGE, SceneCloud
+from pipelines.grasping.scene import SceneCloud
 from pipelines.network.peers.graspnet import WIDEST_OPENING, GraspNetBaseline, Operations
 
 WIDER = 1.2  # times the predicted opening, at most the widest
-COLLISION_CELL, COLLISION_WAY_IN = 0.01, 0.05  # metres, of the collision test
+COLLISION_CELL, COLLISION_PATH = 0.01, 0.05  # metres, of the collision test
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,6 @@ def collision_free_grasps(
 
     `cloud`: (n, 3) metres, points in the box of the scene; all other seen points count too.
     """
-    near = scene.xyz[(scene.depth > 0) & (scene.depth < MAX_RANGE) & ~scene.stray]
-    clouds = thinned(cloud, COLLISION_CELL), thinned(near, COLLISION_CELL)
-    free = free_hands(hands, *clouds, size=COLLISION_CELL, way_in=COLLISION_WAY_IN)
+    clouds = thinned(cloud, COLLISION_CELL), thinned(scene.xyz[scene.near], COLLISION_CELL)
+    free = free_hands(hands, *clouds, size=COLLISION_CELL, approach_path=COLLISION_PATH)
     return hand_grasps(hands[free], gripper), score[free]

@@ -11,7 +11,7 @@ from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.peers.darboux import candidate_hands, over_table
 from pipelines.grasping.peers.hands import MIN_CLOSED_ON, Hands, drawn_points, hand_grasps, thinned
-from pipelines.grasping.scene import MAX_RANGE, SceneCloud
+from pipelines.grasping.scene import SceneCloud
 from pipelines.network.peers.pointnetgpd import PointNetGPD
 
 NUM_CANDIDATES = 2000
@@ -57,8 +57,7 @@ class PointNetGPDMethod:
 
 def scene_hands(scene: SceneCloud, rng: np.random.Generator, most: int) -> tuple[Hands, Array]:
     """Return up to `most` candidates of a scene, and the points (m, 3) that may be on objects."""
-    near = (scene.depth > 0) & (scene.depth < MAX_RANGE) & ~scene.stray
-    points = scene.xyz[near]
+    points = scene.xyz[scene.near]
     objects = over_table(points, scene.plane)
     hands = candidate_hands(thinned(objects), thinned(points), NUM_CANDIDATES, rng)
     return hands[np.arange(len(hands))[:most]], objects

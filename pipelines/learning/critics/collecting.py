@@ -110,21 +110,24 @@ class Collector:
         detector = models.detector(self.paths.detector, "cpu") if detects else None
         predictor = models.predictor(self.paths.network, "cpu", self.config.infer.mirrored)
         rng = np.random.default_rng(self.seed)
-        seen = observe(image, self.config.infer, rng, detector=detector)
-        owners = assign_regions([r.mask for r in seen.regions], truth, self.config.evaluate)
-        large = [i for i, cloud in enumerate(seen.clouds) if len(cloud) >= MIN_POINTS]
-        regions = predicted_regions([seen.clouds[i] for i in large], seen.scene.plane, predictor)
+        observation = observe(image, self.config.infer, rng, detector=detector)
+        scene, clouds = observation.scene, observation.clouds
+        owners = assign_regions([r.mask for r in observation.regions], truth, self.config.evaluate)
+        large = [i for i, cloud in enumerate(clouds) if len(cloud) >= MIN_POINTS]
+        regions = predicted_regions([clouds[i] for i in large], scene.plane, predictor)
         instances = [owners.instance[i] for i in large]
         truths = [truth.regions[i] if i >= 0 else NO_REGION for i in instances]
         object_ids = [owners.object_id[i] for i in large]
-        return ObservedFrame(seen.scene, regions, object_ids, truths, truth.scene)
+        return ObservedFrame(scene, regions, object_ids, truths, truth.scene)
 
     def _axes(self, frame: ObservedFrame) -> Iterator[CriticRows]:
         """Yield the fitted axes of each region, and its sphere."""
         for region, truth in zip(frame.regions, frame.truths, strict=True):
-            seen = region.slots, *fitted_points(region.cloud), frame.scene
-            yield _evidence_rows(axis_evidence(*seen), truth, ROTATION_SLOT)
-            yield _evidence_rows(sphere_evidence(*seen), truth, SPHERE_SLOT)
+            points, normals = fitted_points(region.cloud)
+            axes = axis_evidence(region.slots, points, normals, frame.scene)
+            sphere = sphere_evidence(region.slots, points, normals, frame.scene)
+            yield _evidence_rows(axes, truth, ROTATION_SLOT)
+            yield _evidence_rows(sphere, truth, SPHERE_SLOT)
 
     def _planes(self, frame: ObservedFrame) -> Iterator[CriticRows]:
         """Yield the fitted planes of each region."""
@@ -132,12 +135,12 @@ class Collector:
         for region, truth in zip(frame.regions, frame.truths, strict=True):
             points, normals = fitted_points(region.cloud)
             axis = axis_evidence(region.slots, points, normals, frame.scene).best(axes)[0]
-            seen = region.slots, axis, points, normals, region.cloud.mask
-            known = RegionEvidence(*seen, frame.scene)
-            planes = fitted_planes(known)[0]
+            mask = region.cloud.mask
+            evidence = RegionEvidence(region.slots, axis, points, normals, mask, frame.scene)
+            planes = fitted_planes(evidence)[0]
             true = np.array([plane_truth(plane, truth) for plane in planes])
             slot = np.full(len(planes), REFLECTION_SLOTS[0])
-            yield CriticRows.of_group(*critic_inputs(planes, known), true, slot)
+            yield CriticRows.of_group(*critic_inputs(planes, evidence), true, slot)
 
     def _grasps(self, frame: ObservedFrame, rng: np.random.Generator) -> Iterator[CriticRows]:
         """Yield some feasible grasps of each pass at each region on an object.
@@ -151,7 +154,7 @@ class Collector:
             if object_id < 0:
                 continue
             for features in self._tried(model, scene, rng):
-                chosen = np.sort(rng.permutation(len(features.found))[: self.config.max_grasps])
+                chosen = np.sort(rng.permutation(len(features.feasible))[: self.config.max_grasps])
                 candidates = features.candidates()[chosen]
                 opened = self._opened(features, model, scene)[chosen]
                 yield CriticRows.of_group(
@@ -159,7 +162,7 @@ class Collector:
                     candidates[:, :0],
                     candidates,
                     qualities(frame.true_scene, object_id, opened, self.gripper),
-                    features.found.slot[chosen],
+                    features.feasible.slot[chosen],
                 )
 
     def _tried(
@@ -170,7 +173,7 @@ class Collector:
 
         def critic(features: GraspFeatures) -> Array:
             seen.append(features)
-            return HIGHEST_SCORE * rng.random(len(features.found))
+            return HIGHEST_SCORE * rng.random(len(features.feasible))
 
         RegionPlanner(self.gripper, self.config.infer.selection, critic).plan(model, scene)
         return seen
@@ -181,7 +184,7 @@ class Collector:
         cap = selection.ranking.clearance_cap
         feasibility = Feasibility.at(model.cloud, scene, self.gripper, selection.feasibility, cap)
         feasibility = feasibility.with_unseen(unseen.others).with_unseen(unseen.own)
-        return with_opening_margin(features.found, feasibility, cap).grasps
+        return with_opening_margin(features.feasible, feasibility, cap).grasps
 
 
 def _evidence_rows(evidence: Evidence[Fitted], truth: TrueRegion, slot: int) -> CriticRows:

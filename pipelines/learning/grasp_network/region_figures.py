@@ -107,7 +107,7 @@ def mean_symmetries(prediction: Prediction) -> tuple[Tensor, Tensor, Tensor]:
     columns = torch.sigmoid(prediction.existence), prediction.center, prediction.direction
     votes = zip(*(each[:, ::VOTING_STRIDE].cpu().numpy() for each in columns), strict=True)
     regions = [mean_slots(*each) for each in votes]
-    means = zip(*((r.existence, r.point, r.direction) for r in regions), strict=True)
+    means = zip(*((r.probability, r.point, r.direction) for r in regions), strict=True)
     existence, point, direction = (
         torch.from_numpy(np.stack(each)).to(prediction.center) for each in means
     )

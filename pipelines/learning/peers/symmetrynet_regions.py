@@ -109,7 +109,7 @@ def symmetrynet_frame(
         slots = SymmetrySlots.from_symmetries(instance.symmetries)
         truth = (
             np.nan_to_num(each).astype(np.float32)
-            for each in (slots.existence, slots.point, slots.direction)
+            for each in (slots.probability, slots.point, slots.direction)
         )
         crop = region_crop(frame.color, cloud.mask, pixels)
         regions.append(SeenRegion(crop, cloud.points.astype(np.float32), *truth))

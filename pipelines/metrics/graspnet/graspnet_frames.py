@@ -19,9 +19,9 @@ from pipelines.geometry.transforms import invert, transform_points
 from pipelines.grasping.grasps import GraspPoses, from_graspnet
 from pipelines.metrics.contacts import Contacts, close_fingers
 from pipelines.metrics.force_closure import min_friction, on_grid
+from pipelines.metrics.graspnet.box_collision import MIN_INNER, box_hits, meets_points, table_cloud
 from pipelines.metrics.graspnet.graspnet_ap import AP_FRICTIONS, FAILED, ranked, suppress
 from pipelines.metrics.graspnet.grid_contacts import close_fingers_on_grid
-from pipelines.metrics.graspnet.peer_collision import MIN_INNER, box_hits, meets_points, table_cloud
 from pipelines.metrics.mesh_collision import MeshCollider, hits_table
 
 # Outcomes of a ranked grasp, in the order in which it can fail.
@@ -58,7 +58,7 @@ class ScoredRows:
 
 
 @dataclass(frozen=True)
-class PeerScene:
+class GridScene:
     """A frame as graspnetAPI sees it; `around` (k, 3): points of walls and bins, table frame."""
 
     objects: Sequence[GridObject]
@@ -132,7 +132,7 @@ class ExactScene:
         return close_fingers(self.objects[which].mesh, local, grasps.width)
 
 
-def score_rows(rows: Array, scene: PeerScene | ExactScene) -> ScoredRows:
+def score_rows(rows: Array, scene: GridScene | ExactScene) -> ScoredRows:
     """Return the outcomes of graspnetAPI's `rows` (n, 17), camera frame, metres."""
     kept = suppress(rows[:, 0], rows[:, 4:13].reshape(-1, 3, 3), rows[:, 13:16])
     clouds = scene.clouds()

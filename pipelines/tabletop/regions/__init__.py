@@ -1,1 +1,1 @@
-"""Regions of a tabletop frame: pieces by colour, and tests whether a piece may be an object."""
+"""Regions of a tabletop frame: pieces by colour, and criteria by which a piece may be an object."""

@@ -16,8 +16,8 @@ from pipelines.array_types import Array, Mask
 from pipelines.geometry.numerics.quantiles import median, quantiles
 from pipelines.geometry.transforms import cross, unit
 from pipelines.tabletop.depth_segments import Labels
+from pipelines.tabletop.regions.object_criteria import ObjectCriteria
 from pipelines.tabletop.regions.pieces import Box, box_of
-from pipelines.tabletop.regions.things import Things
 
 RIM = 0.012  # metres below the highest points that count as one rim
 HIGHEST = 0.97  # quantile of the heights of outside and inside that is the rim's
@@ -33,15 +33,15 @@ GAP = 9  # pixels, width of a square that bridges outside and inside
 MIN_RIM = 15  # least pixels of the rim on the outside, and on the inside
 
 
-def insides(labels: Labels, things: Things) -> dict[int, int]:
+def insides(labels: Labels, criteria: ObjectCriteria) -> dict[int, int]:
     """Return the pairs of regions of `labels` that are one container: {inside: outside}.
 
-    No outside is an inside. `labels`: (H, W) 1, 2, ... n for regions, of the size of `things`.
+    No outside is an inside. `labels`: (H, W) 1, 2, ... n for regions, of the size of `criteria`.
     """
-    plane = things.top.plane
+    plane = criteria.tabletop.plane
     if plane is None:
         return {}
-    labels = np.where(np.isfinite(things.xyz[..., 2]), labels, 0)
+    labels = np.where(np.isfinite(criteria.xyz[..., 2]), labels, 0)
     found: dict[int, int] = {}
     for outside, box in _boxes(labels):
         if outside in found:
@@ -53,7 +53,7 @@ def insides(labels: Labels, things: Things) -> dict[int, int]:
             if inside == 0 or inside in found or inside in found.values():
                 continue
             both = box_of((labels == outside) | (labels == inside))
-            cut, xyz = labels[both], things.xyz[both]
+            cut, xyz = labels[both], criteria.xyz[both]
             pair = _Pair(cut == outside, cut == inside, plane.height(xyz), xyz)
             if pair.is_container(plane.normal):
                 found[inside] = outside

@@ -29,7 +29,7 @@ TABLE_BENEATH = 0.25  # largest share of these feet that show the table
 
 
 def standing(
-    xyz: Array, whole: Labels, top: Tabletop, camera: Intrinsics, config: RegionConfig
+    xyz: Array, whole: Labels, tabletop: Tabletop, camera: Intrinsics, config: RegionConfig
 ) -> Mask:
     """Return a mask (pieces + 1,) of the connected pieces that may reach down to the table.
 
@@ -37,7 +37,7 @@ def standing(
     above. An arm that hangs into the image, its foot, or an object beyond the table does not.
     """
     result = np.ones(int(whole.max(initial=0)) + 1, bool)
-    plane = top.plane
+    plane = tabletop.plane
     if plane is None:
         return result
     measured = box_of(np.isfinite(xyz[..., 2]))

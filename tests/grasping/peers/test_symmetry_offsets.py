@@ -42,10 +42,10 @@ def test_symmetries_that_the_points_agree_on_are_returned(noise):
 
 def test_confidence_is_the_probability_times_the_share_that_agrees():
     found = symmetries_by_offsets(perfect(), SCENE)
-    assert found.existence[0] == pytest.approx(0.9, abs=0.05)
-    assert found.existence[2] == pytest.approx(0.1, abs=0.01)
-    assert found.existence[3] == pytest.approx(0.5, abs=0.05)
-    assert found.existence[4] == pytest.approx(0.4)
+    assert found.probability[0] == pytest.approx(0.9, abs=0.05)
+    assert found.probability[2] == pytest.approx(0.1, abs=0.01)
+    assert found.probability[3] == pytest.approx(0.5, abs=0.05)
+    assert found.probability[4] == pytest.approx(0.4)
 
 
 def test_points_that_disagree_give_no_confidence():
@@ -62,7 +62,7 @@ def test_points_that_disagree_give_no_confidence():
         predicted.mode,
     )
     found = symmetries_by_offsets(wild, SCENE)
-    assert (found.existence < 0.1).all()
+    assert (found.probability < 0.1).all()
     assert np.isfinite(found.point).all()
 
 
@@ -77,4 +77,4 @@ def test_a_plane_whose_images_would_be_seen_is_refuted():
         predicted.existence,
         predicted.mode,
     )
-    assert symmetries_by_offsets(wrong, SCENE).existence[0] < 0.5 * 0.9
+    assert symmetries_by_offsets(wrong, SCENE).probability[0] < 0.5 * 0.9

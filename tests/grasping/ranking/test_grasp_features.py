@@ -22,7 +22,7 @@ from pipelines.grasping.ranking.grasp_features import (
     GraspPointFeature,
     grasp_frame,
 )
-from pipelines.grasping.ranking.known_region import KnownRegion
+from pipelines.grasping.ranking.region_context import RegionContext
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
 from tests.grasping.seen_regions import believed
@@ -40,7 +40,7 @@ def known_box():
     region = RegionCloud.from_mask(index == 0, scene)
     plane = ReflectionSymmetry(pose[:3, 1], transform_points(pose, [0, 0, 0.05]))
     foreign = transform_points(pose, [[0.0, 0.2, 0.0], [0.1, 0.2, 0.0]])
-    return pose, KnownRegion(
+    return pose, RegionContext(
         region, scene, believed(plane), plane.counterpart(region.points), foreign
     )
 
@@ -138,7 +138,7 @@ def test_features_do_not_depend_on_the_cameras_angle_about_the_vertical(turn):
     )
     plane = KNOWN.scene.plane
     scene = replace(KNOWN.scene, plane=Plane(spin[:3, :3] @ plane.normal, plane.offset))
-    other = KnownRegion(
+    other = RegionContext(
         moved,
         scene,
         KNOWN.symmetries,
@@ -157,7 +157,7 @@ def test_features_do_not_depend_on_the_cameras_angle_about_the_vertical(turn):
 def test_without_a_table_heights_are_zero_and_few_points_are_repeated():
     scene = replace(KNOWN.scene, plane=None)
     few = replace(KNOWN.region, points=KNOWN.region.points[:9], normals=KNOWN.region.normals[:9])
-    bare = KnownRegion(few, scene, believed(), np.zeros((0, 3)), np.zeros((0, 3)))
+    bare = RegionContext(few, scene, believed(), np.zeros((0, 3)), np.zeros((0, 3)))
     seen = views(hands(slot=-1), bare)
     (rows,) = seen.points()
     assert len(np.unique(rows, axis=0)) <= 9

@@ -61,7 +61,7 @@ def test_the_arm_is_the_horizontal_distance_of_the_weight_from_the_closing_line(
 
 def test_a_weight_at_half_torque_arm_halves_the_expected_quality():
     def even(features):
-        return np.full(len(features.found), 0.8)
+        return np.full(len(features.feasible), 0.8)
 
     found = hands()
     aside = found.grasps.translation + 0.02 * found.grasps.binormal
@@ -78,7 +78,9 @@ def test_the_expected_weight_is_on_the_symmetries_by_their_confidence():
     middle, plane = KNOWN.region.middle, KNOWN.symmetries.symmetry(0)
 
     def off_plane(confidence):
-        symmetries = replace(KNOWN.symmetries, existence=confidence * KNOWN.symmetries.existence)
+        symmetries = replace(
+            KNOWN.symmetries, probability=confidence * KNOWN.symmetries.probability
+        )
         return (replace(KNOWN, symmetries=symmetries).centre - plane.point) @ plane.normal
 
     assert abs(off_plane(0.0)) > 0.01

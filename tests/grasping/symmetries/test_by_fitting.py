@@ -38,7 +38,7 @@ def test_the_axis_of_a_half_seen_cylinder_is_found_and_a_plane_through_it():
     pose, scene, region = seen([Can(0.04, 0.12)])
     found, middle = symmetries_by_fitting(region, scene), transform_points(pose, [0, 0, 0.06])
     axis = found.symmetry(3)
-    assert found.existence[3] > ACCEPTED
+    assert found.probability[3] > ACCEPTED
     assert angle_between(axis.axis, pose[:3, 2]) < DEGREES
     assert np.linalg.norm(np.cross(axis.point - middle, pose[:3, 2])) < NEAR
     planes = [plane for slot, plane in found.between(ACCEPTED) if slot < 3]
@@ -49,7 +49,7 @@ def test_the_axis_of_a_half_seen_cylinder_is_found_and_a_plane_through_it():
 def test_the_centre_of_a_half_seen_ball_is_found():
     pose, scene, region = seen([Ball(0.04, (0.0, 0.0, 0.04))])
     found = symmetries_by_fitting(region, scene)
-    assert found.existence[4] > ACCEPTED
+    assert found.probability[4] > ACCEPTED
     assert np.linalg.norm(found.point[4] - transform_points(pose, [0, 0, 0.04])) < NEAR
 
 
@@ -57,8 +57,8 @@ def test_neither_box_nor_cylinder_is_a_sphere_and_a_box_has_no_axis():
     for shape in (Box((0.1, 0.06, 0.08), yaw=0.5), Can(0.04, 0.12)):
         _, scene, region = seen([shape])
         found = symmetries_by_fitting(region, scene)
-        assert found.existence[4] < ACCEPTED
-        assert found.existence[3] < ACCEPTED or isinstance(shape, Can)
+        assert found.probability[4] < ACCEPTED
+        assert found.probability[3] < ACCEPTED or isinstance(shape, Can)
 
 
 def test_a_random_blob_has_no_accepted_symmetry():
@@ -75,5 +75,5 @@ def test_the_table_side_of_a_plane_costs_confidence():
     _, scene, region = seen([Box((0.1, 0.06, 0.08), yaw=0.5)])
     raised = scene.plane.__class__(scene.plane.normal, scene.plane.offset - 0.05)
     lifted = scene.__class__(scene.depth, scene.intrinsics, raised)
-    best = [symmetries_by_fitting(region, each).existence[:3].max() for each in (scene, lifted)]
+    best = [symmetries_by_fitting(region, each).probability[:3].max() for each in (scene, lifted)]
     assert best[1] < best[0]

@@ -69,7 +69,7 @@ def test_symmetries_fill_in_the_unseen_side():
 
 def test_each_region_is_completed_by_its_own_symmetries():
     scene, regions, known = seen(TARGET, BEFORE)
-    known = [replace(known[0], existence=0.4 * known[0].existence), known[1]]
+    known = [replace(known[0], probability=0.4 * known[0].probability), known[1]]
     first, second = completed(regions, scene, known)
     assert len(first.own) == 0  # confidence too low for its own grasps
     for found, region, each in ((second.own, 1, known[1]), (second.others, 0, known[0])):

@@ -73,7 +73,7 @@ def test_the_axis_of_a_can_is_found_and_believed(can):
     slots = uncertain([disturbed(truth, 15, np.random.default_rng(0))])
     slots.point[:] = truth.point
     found = ground_symmetries(slots, region, scene, CRITICS)
-    assert found.existence[3] > 0.5
+    assert found.probability[3] > 0.5
     assert abs(float(found.direction[3] @ truth.axis)) > np.cos(np.radians(3))
 
 
@@ -85,8 +85,8 @@ def test_a_box_has_planes_but_no_axis(box):
     slots = uncertain([disturbed(across, 8, np.random.default_rng(1))])
     slots.point[:] = across.point
     found = ground_symmetries(slots, region, scene, CRITICS)
-    assert found.existence[3] < 0.5
-    believed = [k for k in range(3) if found.existence[k] > 0.5]
+    assert found.probability[3] < 0.5
+    believed = [k for k in range(3) if found.probability[k] > 0.5]
     assert any(
         abs(float(found.direction[k] @ across.normal)) > np.cos(np.radians(6)) for k in believed
     )
@@ -100,7 +100,7 @@ def test_a_plane_that_throws_images_into_free_space_is_not_believed(can):
     found = ground_symmetries(slots, region, scene, CRITICS)
     for slot in range(3):
         offset = abs(float((found.point[slot] - pose[:3, 3]) @ found.direction[slot]))
-        assert found.existence[slot] < 0.5 or offset < 0.012
+        assert found.probability[slot] < 0.5 or offset < 0.012
 
 
 def test_more_support_and_fewer_floating_images_mean_more_confidence():
@@ -132,7 +132,7 @@ def test_each_symmetry_names_network_or_shape_as_its_source(box):
     slots.point[:] = across.point
     for candidates in ("network", "shape"):
         found = ground_symmetries(slots, region, scene, CRITICS, candidates)
-        assert set(found.source[found.existence > 0]) == {candidates}
+        assert set(found.source[found.probability > 0]) == {candidates}
     found = ground_symmetries(slots, region, scene, CRITICS)
     assert set(found.source) <= {"network", "shape", "both"}
     assert len(set(found.source)) > 1

@@ -73,7 +73,7 @@ def test_two_seen_faces_of_a_standing_box_suffice_for_its_upright_planes():
 def test_a_plane_that_shape_and_network_name_is_one_candidate_of_both():
     size = np.array([0.05, 0.08, 0.1])
     points, normals = seen_box(size, [0.4, -0.7, 0.7], np.random.default_rng(0))
-    named = SymmetrySlots(NOTHING.existence, np.zeros((5, 3)), NOTHING.direction.copy())
+    named = SymmetrySlots(NOTHING.probability, np.zeros((5, 3)), NOTHING.direction.copy())
     named.direction[0] = [1.0, 0.0, 0.0]
     seen = named, UPRIGHT, points, normals, Plane(np.array([0, 0, 1.0]), 0.05)
     both, sources = candidate_planes(*seen)

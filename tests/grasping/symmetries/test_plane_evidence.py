@@ -110,8 +110,10 @@ def test_a_plane_that_the_network_names_is_a_candidate():
     across = ReflectionSymmetry(unit([1.0, 0.4, 0.1]), [0.0, 0.0, 0.6])
     rng = np.random.default_rng(0)
     points = rng.normal([0.0, 0.0, 0.6], 0.02, (300, 3))  # without faces, outline or table
-    proposed = SymmetrySlots(SILENT.existence.copy(), SILENT.point.copy(), SILENT.direction.copy())
-    proposed.existence[1], proposed.point[1], proposed.direction[1] = (
+    proposed = SymmetrySlots(
+        SILENT.probability.copy(), SILENT.point.copy(), SILENT.direction.copy()
+    )
+    proposed.probability[1], proposed.point[1], proposed.direction[1] = (
         0.9,
         across.point,
         across.normal,

@@ -56,7 +56,7 @@ def test_the_figures_are_of_the_symmetries_that_infer_proposes():
     with torch.no_grad():  # at all points, as in the training
         means = mean_symmetries(predictor.network(centred))
     existence, point, direction = (each[0].numpy() for each in means)
-    assert_allclose(existence, region.slots.existence, atol=1e-5)
+    assert_allclose(existence, region.slots.probability, atol=1e-5)
     assert_allclose(point + middle, region.slots.point, atol=1e-5)
     assert_allclose(direction, region.slots.direction, atol=1e-4)
 

@@ -11,17 +11,17 @@ from numpy.testing import assert_array_equal
 from pipelines.geometry.meshes.signed_distance import SignedDistanceGrid, signed_distance_grid
 from pipelines.geometry.transforms import make_pose, random_rotation
 from pipelines.grasping.grasps import GraspPoses, to_graspnet
+from pipelines.metrics.graspnet.box_collision import voxel_means
 from pipelines.metrics.graspnet.graspnet_ap import FAILED
 from pipelines.metrics.graspnet.graspnet_frames import (
     DUMP_REASONS,
     ExactScene,
     GridObject,
-    PeerScene,
+    GridScene,
     ScoredRows,
     SolidObject,
     score_rows,
 )
-from pipelines.metrics.graspnet.peer_collision import voxel_means
 from pipelines.metrics.mesh_collision import MeshCollider
 from tests.metrics.shapes import ball, box, random_grasps, surface
 
@@ -42,9 +42,9 @@ def exact(T=None) -> ExactScene:
     return ExactScene(SOLIDS, [move @ place for place in PLACES], np.linalg.inv(move))
 
 
-def peer() -> PeerScene:
+def peer() -> GridScene:
     grids = [GridObject(c, g) for c, g in zip(CLOUDS, distances(), strict=True)]
-    return PeerScene(grids, [place.astype(np.float32) for place in PLACES], np.eye(4))
+    return GridScene(grids, [place.astype(np.float32) for place in PLACES], np.eye(4))
 
 
 def rows_of(grasps: GraspPoses, confidence=None) -> np.ndarray:
@@ -109,7 +109,7 @@ def test_the_peer_checks_collisions_within_five_centimetres_of_the_grasped_objec
     grasp = GraspPoses(DOWN, np.array([0.0, 0.0, 0.085]), np.array(0.06))
     rows = to_graspnet(grasp, [0.5], tip_reach=0.0, depth=0.04)
     single = [pose.astype(np.float32) for pose in above]
-    blind = PeerScene(peer().objects, single, np.eye(4))
+    blind = GridScene(peer().objects, single, np.eye(4))
     assert words(score_rows(rows, ExactScene(SOLIDS, above, np.eye(4)))) == ["collision"]
     assert words(score_rows(rows, blind)) != ["collision"]
 
@@ -117,7 +117,7 @@ def test_the_peer_checks_collisions_within_five_centimetres_of_the_grasped_objec
 @pytest.mark.parametrize(("count", "empty"), [(9, True), (10, False)])
 def test_the_peer_counts_fewer_than_ten_points_between_the_fingers_as_none(count, empty):
     points = np.stack([np.zeros(count), np.linspace(-0.02, 0.02, count), np.zeros(count)], 1)
-    scene = PeerScene(
+    scene = GridScene(
         [GridObject(points, distances()[1])], [PLACES[1].astype(np.float32)], np.eye(4)
     )
     judged = score_rows(rows_of(grasps_at((0.2, 0.0, 0.025))), scene)

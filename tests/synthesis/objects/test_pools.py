@@ -165,7 +165,7 @@ def test_vessels_stay_open():
 
 
 def test_symmetries_fit_the_slots_of_the_paper():
-    slots = {f: SymmetrySlots.from_symmetries(instance(f).symmetries).existence for f in FAMILIES}
+    slots = {f: SymmetrySlots.from_symmetries(instance(f).symmetries).probability for f in FAMILIES}
     assert_array_equal(slots["ball"], [0, 0, 0, 0, 1])
     assert_array_equal(slots["can"], [1, 0, 0, 1, 0])
     assert_array_equal(slots["bottle"], [0, 0, 0, 1, 0])

@@ -1,4 +1,4 @@
-"""Tests whether a piece of the foreground may be an object to grasp.
+"""Criteria by which a piece of the foreground may be an object to grasp.
 
 An object has a graspable size, stands on the support plane and has some of that plane behind it.
 Walls, sides of bins, arms and objects that reach into the image from outside do not.
@@ -29,22 +29,22 @@ BEHIND = 0.01  # metres behind a piece's plane from which the support counts
 
 
 @dataclass(frozen=True)
-class Things:
-    """The tests of one frame.
+class ObjectCriteria:
+    """The criteria for objects in one frame.
 
     Attributes:
         xyz: (H, W, 3) metres, camera frame, nan where missing.
-        top: the support plane and the foreground.
+        tabletop: the support plane and the foreground.
         hanging: (H, W) pixels of pieces that do not reach down to the support.
         config: thresholds.
     """
 
     xyz: Array
-    top: Tabletop
+    tabletop: Tabletop
     hanging: Mask
     config: RegionConfig
 
-    def may_be(self, mask: Mask) -> bool:
+    def may_be_object(self, mask: Mask) -> bool:
         """Return whether the pixels of `mask` (H, W) may be an object; True without depth."""
         pixels = np.flatnonzero(mask)
         points = self.xyz.reshape(-1, 3).take(pixels, axis=0)
@@ -60,10 +60,10 @@ class Things:
         """Return whether the piece of `points` (n, 3) and flat `pixels` (m,) may be an object."""
         border = np.count_nonzero(self._border.take(pixels))
         outermost = np.count_nonzero(self._outermost.take(pixels))
-        plane, size = self.top.plane, extent(points)
+        plane, size = self.tabletop.plane, extent(points)
         if size > self.config.max_extent:
             return False
-        low = plane is not None and _high(plane, points) < self.config.max_cut_height
+        low = plane is not None and _top_height(plane, points) < self.config.max_cut_height
         if border > MIN_BORDER and size > self.config.max_cut_extent and not low:
             return False
         # A strip along the image border, or a large object that reaches in from outside.
@@ -77,10 +77,10 @@ class Things:
 
     def stands_out(self, points: Array) -> bool:
         """Return whether the piece of `points` (n, 3) is higher over the support than noise."""
-        if self.top.plane is None:
+        if self.tabletop.plane is None:
             return True
-        least = TALL * self.top.threshold(median(points[:, 2]), self.config)
-        return bool(_high(self.top.plane, points) > least)
+        least = TALL * self.tabletop.threshold(median(points[:, 2]), self.config)
+        return bool(_top_height(self.tabletop.plane, points) > least)
 
     def is_smear(self, points: Array) -> bool:
         """Return whether the piece of `points` (n, 3) is drawn out along the view (D. 137).
@@ -135,14 +135,14 @@ class Things:
     @cached_property
     def _bare(self) -> Array:
         """(n, 3) points of the bare support, evenly spread."""
-        at = np.flatnonzero(self.top.bare)
+        at = np.flatnonzero(self.tabletop.bare)
         return self.xyz.reshape(-1, 3).take(at[:: max(1, len(at) // BARE)], axis=0)
 
     @cached_property
     def _footprint(self) -> Footprint:
-        assert self.top.plane is not None
-        return Footprint.around(self._bare, self.top.plane, 0.0)
+        assert self.tabletop.plane is not None
+        return Footprint.around(self._bare, self.tabletop.plane, 0.0)
 
 
-def _high(plane: Plane, points: Array) -> float:
+def _top_height(plane: Plane, points: Array) -> float:
     return float(quantiles(plane.height(points), 0.9))

@@ -24,30 +24,30 @@ def test_a_wall_behind_the_table_is_no_region_and_the_box_in_front_of_it_is():
     regions, index = found(BOX, WALL)
     assert is_region(regions, index == 0)
     assert not is_region(regions, index == 1)
-    assert not regions.may_be_thing(index == 1)
-    assert regions.may_be_thing(index == 0)
+    assert not regions.may_be_object(index == 1)
+    assert regions.may_be_object(index == 0)
 
 
 def test_a_wall_of_the_same_size_in_the_middle_of_the_table_is_an_object():
     regions, index = found(Box((0.3, 0.02, 0.2)))
-    assert regions.may_be_thing(index == 0)
+    assert regions.may_be_object(index == 0)
 
 
 def test_a_piece_that_is_too_long_is_no_object():
     regions, index = found(Box((0.7, 0.05, 0.05)))
-    assert not regions.may_be_thing(index == 0)
+    assert not regions.may_be_object(index == 0)
 
 
 def test_a_tall_piece_that_reaches_in_from_outside_is_no_object_and_a_book_there_is():
     arm, index = found(Box((0.5, 0.06, 0.12), (-0.45, 0.0, 0.0)))
-    assert not arm.may_be_thing(index == 0)
+    assert not arm.may_be_object(index == 0)
     book, index = found(Box((0.3, 0.2, 0.02), (-0.4, 0.0, 0.0)))
-    assert book.may_be_thing(index == 0)
+    assert book.may_be_object(index == 0)
 
 
 def test_a_rim_outside_of_the_support_is_no_object():
     regions, index = found(BOX, Box((0.3, 0.08, 0.04), (0.0, 0.4, 0.0)))
-    assert not regions.may_be_thing(index == 1)
+    assert not regions.may_be_object(index == 1)
 
 
 def bin_from_above(floor_edge, slope=0.6):
@@ -72,18 +72,18 @@ def test_the_floor_of_a_bin_is_its_support_even_if_a_side_appears_larger():
 
 def test_a_piece_without_depth_may_be_an_object():
     regions, index = found(BOX)
-    assert regions.may_be_thing(np.zeros(index.shape, bool))
+    assert regions.may_be_object(np.zeros(index.shape, bool))
 
 
 def test_points_stretched_along_the_view_are_a_smear_and_a_steep_box_is_not():
     regions, index = found(BOX)
-    things = regions.things
-    box = things.xyz[index == 0]
-    assert not things.is_smear(box)
+    criteria = regions.criteria
+    box = criteria.xyz[index == 0]
+    assert not criteria.is_smear(box)
     middle = np.median(box, axis=0)
     ray = middle / np.linalg.norm(middle)
     stretched = box + 6.0 * np.outer((box - middle) @ ray, ray)
-    assert things.is_smear(stretched)
+    assert criteria.is_smear(stretched)
 
 
 def test_a_sliver_that_leads_from_a_table_toward_the_camera_is_no_region():
@@ -102,5 +102,5 @@ def test_a_strip_along_the_border_of_measured_depth_is_no_object():
     cut = np.where(np.arange(len(depth))[:, None] < last - 2, depth, 0.0)
     regions = geometric_regions(cut, CAMERA, RegionConfig(), np.random.default_rng(0))
     assert last > len(depth) - 16
-    assert not regions.may_be_thing((index == 1) & (cut > 0))
-    assert regions.may_be_thing(index == 0)
+    assert not regions.may_be_object((index == 1) & (cut > 0))
+    assert regions.may_be_object(index == 0)

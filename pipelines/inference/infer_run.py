@@ -1,4 +1,4 @@
-"""The work of `infer`, frame by frame, and the files of the results.
+"""One run of `infer`: its frames one by one, their shards, and the output.
 
 Each finished frame is a shard next to the output, until the output is merged from all shards. A
 run may continue from the results of an earlier run with the same settings, or overwrite them.
@@ -33,7 +33,7 @@ from pipelines.frames.workspace_files import read_workspace_mask
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_stream import merge_shards, read_index
 from pipelines.grasp_files.grasps_tables import FrameResult
-from pipelines.inference.run_settings import Settings
+from pipelines.inference.run_settings import RunSettings
 from pipelines.pictures.overlays import write_overlay
 from pipelines.runtime.batch import WorkItem
 from pipelines.storage.files import within
@@ -43,7 +43,7 @@ STAGE = "infer"
 
 
 @dataclass(frozen=True)
-class Work:
+class InferRun:
     """One run of `infer`: settings, and options for reading the frames.
 
     Attributes:
@@ -52,7 +52,7 @@ class Work:
         choice: chosen frames of the folder.
     """
 
-    settings: Settings
+    settings: RunSettings
     stated: FrameOptions = NOTHING_STATED
     choice: ChosenFrames = ALL_FRAMES
 
@@ -131,7 +131,7 @@ class Work:
         merge_shards(self.output, parts, self.output_stamp(items), self.weights, check)
 
 
-def infer_frame(item: WorkItem, settings: Settings) -> str | None:
+def infer_frame(item: WorkItem, settings: RunSettings) -> str | None:
     """Write the shard of one frame; return a note if the frame is odd or empty."""
     with settings.one_core():
         (source,) = item.arguments
@@ -199,7 +199,7 @@ def has_shard(item: WorkItem) -> bool:
 
 
 def inputs_of(item: WorkItem) -> FrameInputs:
-    """Return the inputs of `item`, one of `Work.items`."""
+    """Return the inputs of `item`, one of `InferRun.items`."""
     inputs = item.stamp.inputs
     # The digests of a frame of an earlier run are known.
     return inputs if isinstance(inputs, FrameInputs) else FrameInputs(inputs, ())
@@ -216,10 +216,10 @@ def refuse_foreign_output(output: Path) -> None:
         raise SymgraspError(f"{output} exists and is no grasps.h5; choose another output")
 
 
-def earlier_frames(work: Work) -> dict[str, WorkItem]:
+def earlier_frames(run: InferRun) -> dict[str, WorkItem]:
     """Return the finished frames of an earlier run with the same settings, by name."""
-    wanted, items = work.stamp(work.shared_inputs).as_json(), {}
-    parts = sorted(grasps_file.parts_folder(work.output).glob("[!.]*.h5"))
+    wanted, items = run.stamp(run.shared_inputs).as_json(), {}
+    parts = sorted(grasps_file.parts_folder(run.output).glob("[!.]*.h5"))
     for path in parts:
         found = read_stamp(path) or {}
         if (
@@ -232,28 +232,28 @@ def earlier_frames(work: Work) -> dict[str, WorkItem]:
     return items
 
 
-def refuse_stale(work: Work, known: set[str]) -> None:
+def refuse_stale(run: InferRun, known: set[str]) -> None:
     """Raise unless an existing output has these settings and only frames that are `known`."""
-    if not work.output.exists():
+    if not run.output.exists():
         return
-    refuse_other_settings(work)
-    index = read_index(work.output)
+    refuse_other_settings(run)
+    index = read_index(run.output)
     states = zip(index.names, index.statuses, strict=True)
     lost = [name for name, status in states if status != "failed" and name not in known]
     if lost:
         raise SymgraspError(
-            f"{work.output} holds {len(lost)} frames that are no longer in "
-            f"{work.settings.paths.frames}, for example {lost[0]}; choose another output, or pass "
+            f"{run.output} holds {len(lost)} frames that are no longer in "
+            f"{run.settings.paths.frames}, for example {lost[0]}; choose another output, or pass "
             "--overwrite"
         )
 
 
-def refuse_other_settings(work: Work) -> None:
+def refuse_other_settings(run: InferRun) -> None:
     """Raise StaleOutputError unless the output has these settings; read no images."""
-    found, wanted = read_stamp(work.output) or {}, work.stamp(work.shared_inputs).as_json()
+    found, wanted = read_stamp(run.output) or {}, run.stamp(run.shared_inputs).as_json()
     inputs = {name: each for name, each in found.get("inputs", {}).items() if name != "frames"}
     if not _has_same_settings(found, wanted) or inputs != wanted["inputs"]:
-        raise StaleOutputError(work.output)
+        raise StaleOutputError(run.output)
 
 
 def _has_same_settings(found: dict[str, object], wanted: dict[str, object]) -> bool:

@@ -5,8 +5,8 @@ import pytest
 
 from pipelines.dataset.meshes import read_mesh
 from pipelines.grasping.grasps import from_graspnet
-from pipelines.metrics.graspnet import peer_collision
-from pipelines.metrics.graspnet.peer_collision import (
+from pipelines.metrics.graspnet import box_collision
+from pipelines.metrics.graspnet.box_collision import (
     cloud_collision,
     exact_collision,
     meets_points,
@@ -40,7 +40,7 @@ def test_the_number_of_pairs_in_a_block_does_not_change_verdicts(monkeypatch):
     points, depth = rng.normal(size=(500, 3)) * 0.03, np.full(40, 0.02)
     grasps = random_grasps(rng, 40, spread=0.08)
     whole = meets_points(points, grasps, depth)
-    monkeypatch.setattr(peer_collision, "AT_A_TIME", 1700)  # three grasps
+    monkeypatch.setattr(box_collision, "AT_A_TIME", 1700)  # three grasps
     parts = meets_points(points, grasps, depth)
     assert 0 < whole[0].sum() < 40
     for ours, theirs in zip(whole, parts, strict=True):

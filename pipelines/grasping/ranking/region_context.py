@@ -1,4 +1,4 @@
-"""Input points of the grasp critic: seen, predicted by symmetry, and nearby."""
+"""A region and its surroundings for the grasp critic: seen, predicted and foreign points."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,7 +15,7 @@ HEIGHTS = (-0.05, 0.3)  # metres above the table
 
 
 @dataclass(frozen=True)
-class KnownRegion:
+class RegionContext:
     """A region with its surroundings, for the grasp critic. Camera frame, metres.
 
     Attributes:
@@ -41,12 +41,12 @@ class KnownRegion:
     def centre(self) -> Array:
         """Expected centre of mass (3,): the middle, moved toward each symmetry (D. 143).
 
-        The share of the distance is the belief in the symmetry.
+        The share of the distance is the confidence in the symmetry.
         """
         centre = self.region.middle
         for slot, symmetry in self.symmetries.between(0.0):
             across = symmetry.counterpart(centre) - centre
-            centre = centre + 0.5 * self.symmetries.existence[slot] * across
+            centre = centre + 0.5 * self.symmetries.probability[slot] * across
         return centre
 
     def heights(self, points: Array) -> Array:

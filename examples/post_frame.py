@@ -3,6 +3,7 @@
 python post_frame.py color.png depth.png camera.json [http://127.0.0.1:8765/grasps]
 """
 
+import argparse
 import base64
 import json
 import sys
@@ -28,9 +29,12 @@ def grasps_of(color: Path, depth: Path, camera: Path, url: str = URL) -> dict[st
 
 
 if __name__ == "__main__":
-    color, depth, camera = map(Path, sys.argv[1:4])
+    parser = argparse.ArgumentParser(description=__doc__)
+    for name in ("color", "depth", "camera"):
+        parser.add_argument(name, type=Path)
+    parser.add_argument("url", nargs="?", default=URL)
     try:
-        found = grasps_of(color, depth, camera, *sys.argv[4:5])
+        found = grasps_of(**vars(parser.parse_args()))
     except HTTPError as refused:
         sys.exit(refused.read().decode())  # one sentence that names the problem of the frame
     for grasp in found["grasps"][:3]:

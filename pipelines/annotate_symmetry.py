@@ -41,30 +41,30 @@ def run(
 ) -> StageReport:
     """Annotate a dataset root in place, or a mesh or a folder of meshes into `output_dir`."""
     extras, options = extras or AnnotationExtras(), options or BatchOptions()
-    sources = jobs.Sources(
+    optional = jobs.OptionalInputs(
         edits={} if extras.edits is None else symmetry_edits.read(extras.edits),
-        given={} if extras.bop_symmetries is None else bop_models_info.read(extras.bop_symmetries),
+        bop={} if extras.bop_symmetries is None else bop_models_info.read(extras.bop_symmetries),
     )
-    items = jobs.items_of(source, output_dir, config, seed, sources)
-    given = extras.bop_symmetries
-    missing = [] if given is None else jobs.without_given(items, given, sources)
+    items = jobs.items_of(source, output_dir, config, seed, optional)
+    bop = extras.bop_symmetries
+    missing = [] if bop is None else jobs.without_bop_entry(items, bop, optional)
     step = partial(annotate_file, config=config, seed=seed)
     # Corrections are applied to finished annotations; other finished annotations stay.
     to_correct = {item.name for item in items if jobs.is_to_correct(item)}
     report = run_batch(jobs.STAGE, [i for i in items if i.name not in to_correct], step, options)
     corrections = [item for item in items if item.name in to_correct]
     report.add(run_batch(jobs.STAGE, corrections, step, replace(options, overwrite=True)))
-    _refuse_unknown(report, sources.edits, [item.name for item in items])
-    if given is not None and missing:
-        report.notes[given.name] = f"has no entry of {', '.join(missing)}; detected symmetries stay"
+    _refuse_unknown(report, optional.edits, [item.name for item in items])
+    if bop is not None and missing:
+        report.notes[bop.name] = f"has no entry of {', '.join(missing)}; detected symmetries stay"
     if not options.dry_run:
         write_extras(report, items, extras, config, options)
     return report
 
 
 def annotate_file(item: WorkItem, config: AnnotateSymmetryConfig, seed: int) -> str:
-    """Annotate one mesh file, or correct its annotation; `item.arguments`: a `Job`."""
-    job: jobs.Job = item.arguments[0]
+    """Annotate one mesh file, or correct its annotation; `item.arguments`: its inputs."""
+    job: jobs.ObjectInputs = item.arguments[0]
     if job.refusal is not None:
         raise SymgraspError(job.refusal)
     if job.edits is None and jobs.edits_of(item.target) is not None:
@@ -77,7 +77,7 @@ def annotate_file(item: WorkItem, config: AnnotateSymmetryConfig, seed: int) -> 
         labels = symmetry_labels.read(item.target)
         labels, notes = correct(mesh, labels, job.edits, config, rng, job.regions)
     else:
-        given = [] if job.given is None else bop_models_info.symmetries_of(job.given, mesh)
+        given = [] if job.bop is None else bop_models_info.symmetries_of(job.bop, mesh)
         labels, notes = annotate(
             mesh, item.name, config, rng,
             regions_path=job.regions, given=given, edits=job.edits,

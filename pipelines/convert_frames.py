@@ -17,7 +17,7 @@ import numpy as np
 from pipelines.configs import ConvertFramesConfig
 from pipelines.errors import SymgraspError
 from pipelines.frames.frames import find_frames
-from pipelines.frames.rgbd import Frame, FrameSource
+from pipelines.frames.rgbd import MISSING_DEPTH, Frame, FrameSource
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.runtime.batch import StageReport
 from pipelines.runtime.one_run import one_run_at_a_time
@@ -26,7 +26,6 @@ from pipelines.storage.images import write_image
 from pipelines.storage.provenance import digest, digest_text, is_finished, make_stamp, write_sidecar
 
 STAGE = "convert-frames"
-LARGEST = 65534  # 65535 reads as missing
 
 
 @one_run_at_a_time(STAGE, "output")
@@ -73,7 +72,7 @@ def write_flat_pair(folder: Path, frame: Frame) -> None:
     facts = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
     write_image(folder / f"{frame.name}_color.png", frame.color)
     again = stored.astype(np.float32) / np.float32(units)
-    if stored.max() <= LARGEST and (again == frame.depth).all():
+    if stored.max() < MISSING_DEPTH and (again == frame.depth).all():
         write_image(folder / f"{frame.name}_depth.png", stored.astype(np.uint16))
         facts["depth_scale"] = units
     else:

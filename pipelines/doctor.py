@@ -13,7 +13,7 @@ from pathlib import Path
 
 from pipelines.configs import DoctorConfig
 from pipelines.health import machine, packages, torch_checks
-from pipelines.health.checks import Check, Status, looked_at
+from pipelines.health.checks import Check, Status, guarded
 
 NETWORKS = {"torch", "torchvision"}
 
@@ -33,12 +33,12 @@ def run(config: DoctorConfig, *, folder: Path | None = None) -> Iterator[Check]:
             failed.append(each.name)
         yield check
     yield from packages.extra_checks([each for each in needed if each.extra])
-    yield looked_at("cores", machine.cores_check)
-    yield looked_at("rays", machine.rays_check)
-    yield looked_at("memory", partial(machine.memory_check, config.min_free_memory))
-    yield looked_at("disk", partial(machine.disk_check, folder or Path.cwd(), config.min_free_disk))
+    yield guarded("cores", machine.cores_check)
+    yield guarded("rays", machine.rays_check)
+    yield guarded("memory", partial(machine.memory_check, config.min_free_memory))
+    yield guarded("disk", partial(machine.disk_check, folder or Path.cwd(), config.min_free_disk))
     if NETWORKS.isdisjoint(failed):
-        yield looked_at("operators", torch_checks.operator_check)
+        yield guarded("operators", torch_checks.operator_check)
         yield from torch_checks.gpu_checks(config.max_product_error)
     yield from _shipped(config, failed)
 
@@ -61,7 +61,7 @@ def _shipped(config: DoctorConfig, failed: Sequence[str]) -> Iterator[Check]:
     if manifest is None:
         return
     for name, digest in manifest.files.items():
-        yield looked_at(f"weights {Path(name).stem}", partial(golden.file_check, name, digest))
+        yield guarded(f"weights {Path(name).stem}", partial(golden.file_check, name, digest))
     for device in torch_checks.devices():
         look = partial(golden.golden_check, manifest, config, device)
-        yield looked_at(golden.title(device), look)
+        yield guarded(golden.title(device), look)

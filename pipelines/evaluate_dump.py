@@ -17,6 +17,7 @@ from typing import Any
 
 from pipelines.configs import EvaluateDumpConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_layout import scene_name
 from pipelines.evaluation import reports
 from pipelines.evaluation.graspnet.dump_verdicts import (
     DUMP_STATUSES,
@@ -85,7 +86,7 @@ def _scene_items(
     """Return one item per scene and camera, stale once its grasps, poses or meshes change."""
     folder, digests, items = scenes_folder(output), InputDigests(root, exact=config.exact), []
     for scene in scenes:
-        name = f"scene_{scene.scene_id:04d}_{scene.camera}"
+        name = scene_name(scene.scene_id, scene.camera)
         stamp = _stamp(config, digests.of(scene))
         items.append(WorkItem(name, folder / f"{name}.npz", stamp, (scene,)))
     return items

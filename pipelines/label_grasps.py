@@ -65,7 +65,7 @@ TAG_POINTS = 1  # purpose of a child seed
 
 
 @dataclass(frozen=True)
-class Source:
+class NumberedMesh:
     """One mesh to label and its object id in ROOT."""
 
     object_id: int
@@ -126,23 +126,25 @@ def run(
 
 def _run_step(
     report: StageReport,
-    sources: Sequence[Source],
+    sources: Sequence[NumberedMesh],
     items: Sequence[WorkItem],
     step: Callable[[WorkItem], str | None],
     options: BatchOptions,
-) -> list[Source]:
+) -> list[NumberedMesh]:
     """Run one step for every object, add it to `report`, and return the objects that passed."""
     part = run_batch(STAGE, items, step, options)
     report.add(replace(part, done=[], skipped=[]))
     return [source for source in sources if source.title not in part.failed]
 
 
-def _sources(meshes: Path, output: Path) -> list[Source]:
+def _sources(meshes: Path, output: Path) -> list[NumberedMesh]:
     """Return the meshes to label with their ids; meshes of objects.json keep their ids."""
     if (meshes / "models").is_dir():
         root = GraspNetRoot(meshes)
         names = {record.object_id: record.name for record in _records(meshes)}
-        return [Source(i, names.get(i, f"{i:03d}"), root.model_path(i)) for i in root.object_ids()]
+        return [
+            NumberedMesh(i, names.get(i, f"{i:03d}"), root.model_path(i)) for i in root.object_ids()
+        ]
     paths = find_meshes(meshes)
     records = _records(output)
     known = {str(r.details["file"]): r.object_id for r in records if "file" in r.details}
@@ -152,7 +154,7 @@ def _sources(meshes: Path, output: Path) -> list[Source]:
     numbers |= dict(zip([p.name for p in paths if p.name not in known], free, strict=False))
     if len(numbers) < len(paths):
         raise ValueRangeError("number of meshes", f"above {MAX_IDS}", f"at most {MAX_IDS} a root")
-    return [Source(numbers[path.name], path.stem, path) for path in paths]
+    return [NumberedMesh(numbers[path.name], path.stem, path) for path in paths]
 
 
 def _records(root: Path) -> list[ObjectRecord]:
@@ -160,7 +162,7 @@ def _records(root: Path) -> list[ObjectRecord]:
     return object_list.read(path) if path.is_file() else []
 
 
-def _write_object_list(meshes: Path, output: Path, sources: Sequence[Source]) -> None:
+def _write_object_list(meshes: Path, output: Path, sources: Sequence[NumberedMesh]) -> None:
     """Write ROOT/objects.json: its earlier records, and the objects of this run."""
     records = {record.object_id: record for record in _records(output)}
     described = {record.object_id: record for record in _records(meshes)}
@@ -174,7 +176,7 @@ def _write_object_list(meshes: Path, output: Path, sources: Sequence[Source]) ->
     object_list.write(output / "objects.json", list(records.values()), stamp)
 
 
-def _model_item(root: GraspNetRoot, source: Source, mesh_scale: float | None) -> WorkItem:
+def _model_item(root: GraspNetRoot, source: NumberedMesh, mesh_scale: float | None) -> WorkItem:
     # A missing mesh fails its own item, when it is read.
     inputs = {"mesh": digest_if_there(source.path)}
     stamp = make_stamp(f"{STAGE} model", {"mesh_scale": mesh_scale or 1.0}, inputs=inputs)
@@ -194,7 +196,7 @@ def _write_model(item: WorkItem) -> str:
     return "; ".join(text for text in (note, turned) if text)
 
 
-def _grid_item(root: GraspNetRoot, source: Source) -> WorkItem:
+def _grid_item(root: GraspNetRoot, source: NumberedMesh) -> WorkItem:
     model = root.model_path(source.object_id)
     stamp = make_stamp(f"{STAGE} distance grid", {}, inputs={model.name: digest_if_there(model)})
     return WorkItem(source.title, model.with_name("textured.sdf"), stamp, (model,))
@@ -210,12 +212,12 @@ def _write_grid(item: WorkItem) -> None:
 def _label(
     report: StageReport,
     root: GraspNetRoot,
-    source: Source,
+    source: NumberedMesh,
     config: LabelGraspsConfig,
     seed: int,
     compress: bool,
     options: BatchOptions,
-    place: str,
+    progress: str,
 ) -> None:
     """Label one object with all workers, part by part, and add the result to `report`."""
     model, target = root.model_path(source.object_id), root.grasp_label_path(source.object_id)
@@ -232,7 +234,9 @@ def _label(
         labels = replace(config.labels, num_points=number_of_points(mesh, config))
         items = _part_items(model, target, stamp, labels.num_points)
         step = partial(_write_part, config=labels, seed=seed)
-        parts = run_batch(f"{place} {source.title}", items, step, replace(options, overwrite=False))
+        parts = run_batch(
+            f"{progress} {source.title}", items, step, replace(options, overwrite=False)
+        )
         report.seconds += parts.seconds
         if parts.failed:
             raise SymgraspError(next(iter(parts.failed.values())))

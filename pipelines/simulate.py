@@ -136,9 +136,9 @@ def _cut_model(config: SimulateConfig, item: WorkItem) -> str | None:
 def _simulate_scene(
     dataset: Path, output: Path, config: SimulateConfig, baselines: bool, item: WorkItem
 ) -> str | None:
-    root, hand = GraspNetRoot(dataset), load_gripper(config.gripper)
+    root, gripper = GraspNetRoot(dataset), load_gripper(config.gripper)
     pieces = PiecesReader(root, pieces_folder(output))
-    simulator = FrameSimulator(root, pieces, hand, config, baselines, item.stamp.seed)
+    simulator = FrameSimulator(root, pieces, gripper, config, baselines, item.stamp.seed)
     frames = [simulator.run(each) for each in frames_by_row(*item.arguments)]
     write_trials(item.target, frames, item.stamp)
     farthest = max(frame.shift for frame in frames)

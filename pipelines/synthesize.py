@@ -71,7 +71,9 @@ def run(
     """
     _check(config, models, output)
     sources = own_models(models, mesh_scale) if models else []
-    root = _Root(GraspNetRoot(output), config, seed, _object_ids(config, len(sources)), sources)
+    root = _PlannedRoot(
+        GraspNetRoot(output), config, seed, _object_ids(config, len(sources)), sources
+    )
     was_finished = not options.dry_run and mark_unfinished(output, STAGE)
     report = StageReport(STAGE)
     step = partial(_write_object, seed=seed)
@@ -130,7 +132,7 @@ def _object_ids(config: SynthesizeConfig, num_models: int) -> dict[int, tuple[st
 
 
 @dataclass(frozen=True)
-class _Root:
+class _PlannedRoot:
     """Objects and scenes to make in a root, from the user's meshes if there are any.
 
     `ids`: pool and place in the pool of each object, by its id. `sources`: the user's meshes by

@@ -18,9 +18,9 @@ from pipelines.errors import SymgraspError
 if TYPE_CHECKING:
     from symgrasp.bundled_frames import bundled_frame
     from symgrasp.detector import GraspDetector
-    from symgrasp.found import FoundRegion, FoundSymmetry
     from symgrasp.grasps import Grasp, Grasps
     from symgrasp.grasps_files import read_grasps
+    from symgrasp.regions import FoundRegion, FoundSymmetry
 
     __version__: str
 
@@ -37,8 +37,8 @@ __all__ = [
 ]
 
 _MODULES = {
-    "FoundRegion": "symgrasp.found",
-    "FoundSymmetry": "symgrasp.found",
+    "FoundRegion": "symgrasp.regions",
+    "FoundSymmetry": "symgrasp.regions",
     "Grasp": "symgrasp.grasps",
     "GraspDetector": "symgrasp.detector",
     "Grasps": "symgrasp.grasps",

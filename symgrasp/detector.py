@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from pipelines.configs import InferConfig, check_settings
 from pipelines.configs.presets import preset_settings
 from pipelines.configs.settings import changed
-from pipelines.configs.stages import default_settings, part
+from pipelines.configs.stages import as_config, default_settings
 from pipelines.configs.toml_files import read_toml
 from pipelines.errors import ValueRangeError
 from pipelines.grasp_files.grasps_tables import FrameResult
@@ -114,8 +114,9 @@ class GraspDetector:
         Raises:
             SymgraspError: an argument is invalid; the message names the argument and the reason.
         """
-        given = color, depth, intrinsics, masks, workspace, depth_units_per_metre
-        result, ids = self._found(*given)
+        result, ids = self._planned(
+            color, depth, intrinsics, masks, workspace, depth_units_per_metre
+        )
         return ordered_grasps(result, self.gripper, ids)
 
     def frame_result(
@@ -129,9 +130,9 @@ class GraspDetector:
         depth_units_per_metre: float | None = None,
     ) -> FrameResult:
         """Return regions and grasps as in `grasps.h5`; arguments and errors as of `__call__`."""
-        return self._found(color, depth, intrinsics, masks, workspace, depth_units_per_metre)[0]
+        return self._planned(color, depth, intrinsics, masks, workspace, depth_units_per_metre)[0]
 
-    def _found(
+    def _planned(
         self,
         color: ArrayLike,
         depth: ArrayLike,
@@ -150,9 +151,10 @@ class GraspDetector:
             planner = replace(planner, config=replace(self.settings, limits=limits))
         rng = np.random.default_rng(self._run_settings.seed)
         with self._run_settings.one_core():
-            labels = None if instances is None else frame.laid_on(instances.labels)
-            result = planner.plan(frame, rng, labels, None if mask is None else frame.laid_on(mask))
-        return result, None if instances is None else frame.laid_on(instances.ids)
+            labels = None if instances is None else frame.undistorted(instances.labels)
+            allowed = None if mask is None else frame.undistorted(mask)
+            result = planner.plan(frame, rng, labels, allowed)
+        return result, None if instances is None else frame.undistorted(instances.ids)
 
 
 def _infer_config(
@@ -167,10 +169,10 @@ def _infer_config(
     if preset is not None:
         config = changed(config, preset_settings(preset, "infer"))
     if settings is None or isinstance(settings, Mapping):
-        return changed(part(InferConfig, config), settings or {})
+        return changed(as_config(InferConfig, config), settings or {})
     try:
         path = Path(settings)
     except TypeError:
         expected = "a mapping of names to values, a TOML file, or an InferConfig"
         raise ValueRangeError("settings", repr(settings), expected) from None
-    return part(InferConfig, changed(config, read_toml(path), f"{path}: "))
+    return as_config(InferConfig, changed(config, read_toml(path), f"{path}: "))

@@ -14,7 +14,7 @@ from pipelines.geometry.transforms import nearest_orthogonal
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable
 from pipelines.grasping.grasps import CLOSING_ALONG_X, CLOSING_ALONG_Y, GraspPoses, gripper_poses
 from pipelines.grasping.gripper import Gripper
-from symgrasp.found import FoundRegion, FoundSymmetry, regions_of
+from symgrasp.regions import FoundRegion, FoundSymmetry, regions_of
 
 Convention = Literal["closing_y", "closing_x"]
 GRASP_COLUMNS = tuple(name for name in GraspTable.SPEC if name != "frame")

@@ -25,7 +25,7 @@ from symgrasp_cli.options import (
     Threads,
     Workers,
 )
-from symgrasp_cli.report import manner
+from symgrasp_cli.report import report_style
 
 if TYPE_CHECKING:
     from pipelines.frames.rgbd_folder import FrameOptions
@@ -36,7 +36,7 @@ WORKER_MEMORY = 1e9  # bytes; workers were seen to take half of it (docs/experim
 
 
 @dataclass(frozen=True)
-class MadeOf:
+class FromOptions:
     """Builds one argument of a command from several options: the parameters of `make`.
 
     A parameter of `make` may be such an argument itself; options with equal names are one option.
@@ -50,17 +50,17 @@ class MadeOf:
         return inspect.signature(self.make).parameters.values()
 
     @staticmethod
-    def of(parameter: inspect.Parameter) -> "MadeOf | None":
-        """Return the `MadeOf` of the argument; None if the argument is one option."""
-        known = getattr(parameter.annotation, "__metadata__", ())
-        return next((each for each in known if isinstance(each, MadeOf)), None)
+    def of(parameter: inspect.Parameter) -> "FromOptions | None":
+        """Return the `FromOptions` of the argument; None if the argument is one option."""
+        metadata = getattr(parameter.annotation, "__metadata__", ())
+        return next((each for each in metadata if isinstance(each, FromOptions)), None)
 
 
 def options_of(parameters: Iterable[inspect.Parameter]) -> dict[str, inspect.Parameter]:
     """Return the options, by name, of a command with these parameters."""
     found: dict[str, inspect.Parameter] = {}
     for each in parameters:
-        made = MadeOf.of(each)
+        made = FromOptions.of(each)
         found |= options_of(made.parameters) if made else {each.name: each}
     return found
 
@@ -69,7 +69,7 @@ def arguments_of(
     parameters: Iterable[inspect.Parameter], values: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return the arguments of a command with these parameters, from the `values` of its options."""
-    pairs = ((each.name, MadeOf.of(each)) for each in parameters)
+    pairs = ((each.name, FromOptions.of(each)) for each in parameters)
     return {
         name: made.make(**arguments_of(made.parameters, values)) if made else values[name]
         for name, made in pairs
@@ -105,11 +105,11 @@ def preparation(
         logging.getLogger(__name__).warning(warning, workers, cores, cores)
         workers = cores
     return BatchOptions(
-        workers=workers, backend=backend, overwrite=overwrite, progress=not manner().quiet
+        workers=workers, backend=backend, overwrite=overwrite, progress=not report_style().quiet
     )
 
 
-Preparation = Annotated["BatchOptions", MadeOf(preparation)]
+Preparation = Annotated["BatchOptions", FromOptions(preparation)]
 
 
 def batch_options(options: Preparation, dry_run: DryRun = False) -> "BatchOptions":
@@ -117,7 +117,7 @@ def batch_options(options: Preparation, dry_run: DryRun = False) -> "BatchOption
     return replace(options, dry_run=dry_run)
 
 
-Batch = Annotated["BatchOptions", MadeOf(batch_options)]
+Batch = Annotated["BatchOptions", FromOptions(batch_options)]
 
 
 def run_on_cpu(
@@ -134,14 +134,14 @@ def run_on_cpu(
 
     from pipelines.learning.loop.runs import RunRequest
 
-    level = logging.WARNING if manner().quiet else logging.INFO
+    level = logging.WARNING if report_style().quiet else logging.INFO
     logging.getLogger("pipelines.learning").setLevel(level)
-    bar = sys.stderr.isatty() and not manner().quiet
+    bar = sys.stderr.isatty() and not report_style().quiet
     limit = max_seconds if max_minutes is None else 60.0 * max_minutes
     return RunRequest(seed, "cpu", threads, limit, resume, overwrite, bar)
 
 
-CpuRun = Annotated["RunRequest", MadeOf(run_on_cpu)]
+CpuRun = Annotated["RunRequest", FromOptions(run_on_cpu)]
 
 
 def run_on_device(request: CpuRun, device: Device = "auto") -> "RunRequest":
@@ -149,7 +149,7 @@ def run_on_device(request: CpuRun, device: Device = "auto") -> "RunRequest":
     return replace(request, device=device)
 
 
-DeviceRun = Annotated["RunRequest", MadeOf(run_on_device)]
+DeviceRun = Annotated["RunRequest", FromOptions(run_on_device)]
 
 
 def run_with_loaders(request: DeviceRun, loaders: Loaders = 0) -> "RunRequest":
@@ -157,7 +157,7 @@ def run_with_loaders(request: DeviceRun, loaders: Loaders = 0) -> "RunRequest":
     return replace(request, loaders=loaders)
 
 
-LoadedRun = Annotated["RunRequest", MadeOf(run_with_loaders)]
+LoadedRun = Annotated["RunRequest", FromOptions(run_with_loaders)]
 
 
 def frame_options(
@@ -171,7 +171,7 @@ def frame_options(
     return FrameOptions(camera, depth_units_per_metre)
 
 
-Stated = Annotated["FrameOptions", MadeOf(frame_options)]
+CameraAndUnits = Annotated["FrameOptions", FromOptions(frame_options)]
 
 
 def models_for_symmetries(
@@ -186,4 +186,4 @@ def models_for_symmetries(
     )
 
 
-SymmetryModels = Annotated[dict[str, Path | None], MadeOf(models_for_symmetries)]
+SymmetryModels = Annotated[dict[str, Path | None], FromOptions(models_for_symmetries)]

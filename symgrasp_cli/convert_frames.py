@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import ConvertFramesConfig
-from symgrasp_cli.arguments import Stated
+from symgrasp_cli.arguments import CameraAndUnits
 from symgrasp_cli.options import FrameFolder, Overwrite
 from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import named_as, with_settings
@@ -18,7 +18,7 @@ def convert_frames(
     frames: FrameFolder,
     *,
     out: Annotated[Path, typer.Option(help="Folder to write.")],
-    stated: Stated,
+    stated: CameraAndUnits,
     overwrite: Overwrite = False,
 ) -> None:
     """Write RGB-D frames of any layout as colour and depth images with camera files."""

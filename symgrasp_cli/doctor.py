@@ -3,7 +3,7 @@
 import typer
 
 from pipelines.configs import DoctorConfig
-from symgrasp_cli.report import manner
+from symgrasp_cli.report import report_style
 from symgrasp_cli.settings import with_settings
 
 WIDTH = 24  # characters of the column of names; longer than any name
@@ -19,10 +19,10 @@ def doctor(config: DoctorConfig) -> None:
     checks = []
     for check in stage.run(config):
         checks.append(check)
-        if not manner().as_json:
+        if not report_style().as_json:
             typer.echo(f"{check.name:<{WIDTH}}{check.status:<6}{check.text}")
     code = stage.exit_code(checks)
-    if manner().as_json:
+    if report_style().as_json:
         rows = [{"name": c.name, "status": c.status, "text": c.text} for c in checks]
         typer.echo(json.dumps({"ok": code == 0, "checks": rows}, indent=1))
     if code:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import EvaluateConfig
-from pipelines.configs.stages import EvaluateSettings, part
+from pipelines.configs.stages import EvaluateSettings, as_config
 from symgrasp_cli.arguments import Batch
 from symgrasp_cli.options import DatasetRoot, Seed, With
 from symgrasp_cli.report import conclude
@@ -90,7 +90,7 @@ def evaluate(
             grasps,
             dataset,
             out,
-            part(EvaluateConfig, config),
+            as_config(EvaluateConfig, config),
             options,
             others=with_ or (),
             baselines=baselines,

@@ -12,9 +12,9 @@ import typer
 
 from pipelines.configs import InferConfig, LimitsConfig
 from pipelines.configs.settings import changed
-from pipelines.configs.stages import InferSettings, part
+from pipelines.configs.stages import InferSettings, as_config
 from pipelines.errors import printable
-from symgrasp_cli.arguments import Batch, MadeOf, Stated, SymmetryModels
+from symgrasp_cli.arguments import Batch, CameraAndUnits, FromOptions, SymmetryModels
 from symgrasp_cli.options import (
     CameraName,
     DatasetSplit,
@@ -24,7 +24,7 @@ from symgrasp_cli.options import (
     Seed,
     Workers,
 )
-from symgrasp_cli.report import conclude, manner
+from symgrasp_cli.report import conclude, report_style
 from symgrasp_cli.settings import named_as, with_settings
 
 if TYPE_CHECKING:
@@ -70,9 +70,9 @@ def _choice(
     return ChosenFrames(split, camera, frame_stride)
 
 
-InferChoice = Annotated["ChosenFrames", MadeOf(_choice)]
-InferWeights = Annotated[dict[str, Path | None], MadeOf(_weights)]
-InferBatch = Annotated["BatchOptions", MadeOf(_batch)]
+InferChoice = Annotated["ChosenFrames", FromOptions(_choice)]
+InferWeights = Annotated[dict[str, Path | None], FromOptions(_weights)]
+InferBatch = Annotated["BatchOptions", FromOptions(_batch)]
 
 
 @with_settings(
@@ -112,7 +112,7 @@ def infer(
         ),
     ] = None,
     choice: InferChoice,
-    stated: Stated,
+    stated: CameraAndUnits,
     weights: InferWeights,
     timings: Annotated[
         bool,
@@ -136,12 +136,12 @@ def infer(
         raise typer.BadParameter(f"--out is {out}; it must be a file name that ends in .h5")
     config, room = _with_workspace(config, workspace)
     paths = stage.InferPaths(frames, out, overlays, masks, room).with_weights(**weights)
-    if watch and frames.is_dir() and not manner().quiet:
+    if watch and frames.is_dir() and not report_style().quiet:
         typer.echo(printable(f"watching {frames} until Ctrl-C"), err=True)
     followed = partial(infer_watch.run, watch=config.watch, notify=_print_outcome)
     report = (followed if watch else stage.run)(
         paths,
-        part(InferConfig, config),
+        as_config(InferConfig, config),
         options,
         stated=stated,
         seed=seed,
@@ -183,7 +183,7 @@ def _conclude(report: "StageReport", out: Path, overlays: Path | None) -> None:
 
 def _print_outcome(frame: "FrameOutcome") -> None:
     """Print one frame's line on stdout at once, for a reader at the end of a pipe."""
-    if manner().as_json:
+    if report_style().as_json:
         typer.echo(json.dumps({**asdict(frame), "seconds": round(frame.seconds, 3)}))
         sys.stdout.flush()
         return

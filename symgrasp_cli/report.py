@@ -26,29 +26,29 @@ UNBOUND = 10_000  # characters: the width of a table without a limit
 
 
 @dataclass(frozen=True)
-class Manner:
-    """Output that the user wants: `as_json` on stdout, `quiet` for errors only on stderr."""
+class ReportStyle:
+    """Form of a report: `as_json` on stdout, `quiet` for errors only on stderr."""
 
     as_json: bool = False
     quiet: bool = False
 
 
-_manner: ContextVar[Manner | None] = ContextVar("manner", default=None)
+_report_style: ContextVar[ReportStyle | None] = ContextVar("report_style", default=None)
 
 
-def manner() -> Manner:
-    """Return the output that the user wants from the running command."""
-    return _manner.get() or Manner()
+def report_style() -> ReportStyle:
+    """Return the style of the running command's report."""
+    return _report_style.get() or ReportStyle()
 
 
 @contextmanager
-def speaking(wanted: Manner) -> Iterator[None]:
-    """Report in the manner `wanted` inside this context."""
-    token = _manner.set(wanted)
+def reporting_in(style: ReportStyle) -> Iterator[None]:
+    """Report in `style` inside this context."""
+    token = _report_style.set(style)
     try:
         yield
     finally:
-        _manner.reset(token)
+        _report_style.reset(token)
 
 
 @contextmanager
@@ -57,7 +57,7 @@ def failure_as_json(command: str) -> Iterator[None]:
     try:
         yield
     except (SymgraspError, OSError) as error:
-        if manner().as_json:
+        if report_style().as_json:
             typer.echo(json.dumps({"command": command, "ok": False, "error": str(error)}))
         raise
 
@@ -82,7 +82,7 @@ def conclude(
     written = [str(each) for each in outputs if each is not None and each.exists()]
     is_next = bool(then) and bool(report.done or report.skipped)
     following = shlex.join(["symgrasp", *map(str, then)]) if is_next else None
-    if manner().as_json:
+    if report_style().as_json:
         found = {"tables": [asdict(table) for table in tables]} if tables else {}
         typer.echo(json.dumps(_as_json(report, written, following) | found | dict(facts or {})))
     else:
@@ -105,7 +105,7 @@ def _print_report(
     )
     ends = [*lines, *(f"output: {path}" for path in written)]
     ends += [f"next: {following}"] if following else []
-    for text in errors if manner().quiet else [*notes, *errors, counts, *ends]:
+    for text in errors if report_style().quiet else [*notes, *errors, counts, *ends]:
         typer.echo(printable(text), err=True)
 
 

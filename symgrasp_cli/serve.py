@@ -3,11 +3,11 @@
 import typer
 
 from pipelines.configs import InferConfig, ServeConfig
-from pipelines.configs.stages import ServeSettings, part
+from pipelines.configs.stages import ServeSettings, as_config
 from pipelines.ending import set_farewell
 from symgrasp_cli.arguments import SymmetryModels
 from symgrasp_cli.options import CameraToBase, Device, GraspCriticWeights, Seed
-from symgrasp_cli.report import manner
+from symgrasp_cli.report import report_style
 from symgrasp_cli.settings import named_as, with_settings
 
 
@@ -32,10 +32,10 @@ def serve(
     from pipelines import serve as stage
     from symgrasp.detector import GraspDetector
 
-    http = part(ServeConfig, config.http)
+    http = as_config(ServeConfig, config.http)
     detector = GraspDetector(
         device=device,
-        settings=part(InferConfig, config),
+        settings=as_config(InferConfig, config),
         detector=models["detector"],
         network=models["network"],
         axis_critic=models["axis_critic"],
@@ -45,7 +45,7 @@ def serve(
     )
     app = stage.app_of(detector.frame_result, detector.gripper, http, camera_to_base)
     sockets = stage.listening(http)
-    if not manner().quiet:
+    if not report_style().quiet:
         port = sockets[0].getsockname()[1]
         typer.echo(f"serving on http://{http.host}:{port}/grasps until Ctrl-C", err=True)
         if http.host not in stage.LOOPBACK:

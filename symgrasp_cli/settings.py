@@ -18,7 +18,7 @@ from pipelines.configs.toml_files import read_toml
 from pipelines.errors import SettingError
 from symgrasp_cli.arguments import arguments_of, options_of
 from symgrasp_cli.options import AsJson, Quiet
-from symgrasp_cli.report import Manner, failure_as_json, speaking
+from symgrasp_cli.report import ReportStyle, failure_as_json, reporting_in
 
 Command = Callable[..., None]
 Config = TypeVar("Config")
@@ -112,7 +112,7 @@ class GivenOption:
     value: str | bool
     by_variable: bool
 
-    def put(self, config: Config) -> Config:
+    def applied_to(self, config: Config) -> Config:
         """Return `config` with the value."""
         name = self.option.setting.name
         shown = self.option.variable if self.by_variable else self.option.name
@@ -135,7 +135,7 @@ def with_settings(
     """Give a command the settings of `stage`, as its argument `config`.
 
     The command gets `--config` and `--set` too, and `--json` and `--quiet` for its report. An
-    argument that is built from several options (`MadeOf`) adds these options.
+    argument that is built from several options (`FromOptions`) adds these options.
 
     Args:
         stage: name in `pipelines.configs.stages`.
@@ -152,9 +152,9 @@ def with_settings(
         def run(context: typer.Context, **values: Any) -> None:  # noqa: ANN401 - any option
             file, assignments = values.pop("settings_file"), values.pop("assignments")
             preset = values.pop("preset", None)
-            wanted = Manner(values.pop("as_json"), values.pop("quiet"))
-            given = _given(context, made, values)
-            with speaking(wanted), failure_as_json(stage):
+            style = ReportStyle(values.pop("as_json"), values.pop("quiet"))
+            given = _options_given(context, made, values)
+            with reporting_in(style), failure_as_json(stage):
                 chosen = settings_chosen(stage, file, given, assignments or (), preset)
                 command(config=chosen, **arguments_of(own, values))
 
@@ -207,7 +207,7 @@ def settings_chosen(
     if file is not None:
         config = changed(config, read_toml(file), f"{file}: ")
     for each in sorted(given, key=lambda each: not each.by_variable):
-        config = each.put(config)
+        config = each.applied_to(config)
     by_option = {
         each.option.setting.name: each.option.name for each in given if not each.by_variable
     }
@@ -221,7 +221,7 @@ def settings_chosen(
     return config
 
 
-def _given(
+def _options_given(
     context: typer.Context, options: Sequence[SettingOption], values: dict[str, Any]
 ) -> list[GivenOption]:
     """Take the values of `options` out of `values`; return those that were given."""

@@ -6,9 +6,9 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import WorkspaceConfig
-from symgrasp_cli.arguments import Stated
+from symgrasp_cli.arguments import CameraAndUnits
 from symgrasp_cli.options import FrameFolder, Overwrite
-from symgrasp_cli.report import conclude, manner
+from symgrasp_cli.report import conclude, report_style
 from symgrasp_cli.settings import named_as, with_settings
 
 
@@ -23,7 +23,7 @@ def workspace(
     out: Annotated[Path, typer.Option(help="Folder of pictures and masks to write.")] = (
         Path("workspace")
     ),
-    stated: Stated,
+    stated: CameraAndUnits,
     overwrite: Overwrite = False,
 ) -> None:
     """Draw the table frame and a workspace into frames, and print its options for infer."""
@@ -31,7 +31,7 @@ def workspace(
 
     found = stage.run(frames, out, config, stated=stated, overwrite=overwrite)
     options = found.options()
-    if options is not None and not manner().as_json:
+    if options is not None and not report_style().as_json:
         typer.echo(options)
     facts = {
         "options": options,

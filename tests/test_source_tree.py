@@ -72,6 +72,12 @@ def test_no_docstring_of_a_module_begins_with_a_question():
     assert [file for file, words in first.items() if words[:1] and words[0] in QUESTIONS] == []
 
 
+def test_scripts_read_their_arguments_with_a_parser_that_knows_help():
+    folders = (ROOT / "tools", ROOT / "examples")
+    files = [file for folder in folders for file in folder.rglob("*.py")]
+    assert [file.name for file in files if "sys.argv" in file.read_text(encoding="utf-8")] == []
+
+
 def imported(modules: dict[str, ast.Module]) -> set[str]:
     """Names that any module imports from another one."""
     nodes = (node for module in modules.values() for node in ast.walk(module))

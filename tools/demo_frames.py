@@ -46,8 +46,14 @@ def main() -> None:
             frame, label = root.read_frame(files), root.read_label(files)
             top, left = window_about(label > 0)
             view = np.s_[top : top + HEIGHT, left : left + WIDTH]
-            lens = frame.intrinsics
-            camera = replace(lens, cx=lens.cx - left, cy=lens.cy - top, width=WIDTH, height=HEIGHT)
+            intrinsics = frame.intrinsics
+            camera = replace(
+                intrinsics,
+                cx=intrinsics.cx - left,
+                cy=intrinsics.cy - top,
+                width=WIDTH,
+                height=HEIGHT,
+            )
             write_image(FOLDER / f"table_{number}_color.png", frame.color[view])
             depth = np.rint(frame.depth[view] * 1000).astype(np.uint16)
             write_image(FOLDER / f"table_{number}_depth.png", depth)

@@ -79,7 +79,7 @@ def arrow_tip(color: str, name: str = "tip") -> str:
 
 def projected(points: np.ndarray) -> np.ndarray:
     """Return the (n, 2) pixels of `points` (n, 3), grasp frame, seen obliquely from the side."""
-    # Approach runs down the page, closing to the right, the third axis towards the reader.
+    # Approach runs down the page, closing to the right, the binormal towards the reader.
     right = np.array([0.10, 0.96, -0.27])
     down = np.array([0.97, -0.04, 0.22])
     return np.stack([points @ right, points @ down], -1) * 3300.0 + [330.0, 372.0]
@@ -164,13 +164,13 @@ def grippers_figure() -> str:
         f'stroke="{INK}" stroke-width="3"/>'
     )
     body.append(text(28 + 0.05 * SCALE, low + 4, "5 cm", size=12, color=INK, anchor="start"))
-    note = "red: the line of the contacts; right of each hand: the same from the side"
+    note = "red: the line of the contacts; right of each gripper: the same from the side"
     body.append(text(width - 20, low + 4, note, size=12, color=GREY, anchor="end"))
     return document(width, low + 18, body)
 
 
 def _measures(gripper: Gripper) -> tuple[str, str]:
-    """Return the text over a hand: its measures in millimetres."""
+    """Return the text over a gripper: its measures in millimetres."""
     opening, widest, flange = (
         1000 * each for each in (gripper.max_opening, gripper.max_width, gripper.flange_to_tip)
     )
@@ -181,7 +181,7 @@ def _measures(gripper: Gripper) -> tuple[str, str]:
 
 
 def _views(boxes: np.ndarray, front: float, side: float, tips: float) -> list[str]:
-    """Return the `boxes` (3, 2, 3) of a hand about two vertical lines, tips at height `tips`."""
+    """Return the `boxes` (3, 2, 3) of a gripper about two vertical lines, tips at height `tips`."""
     drawn = []
     tip = boxes[0, 1, 0]
     for axis, middle in ((1, front), (2, side)):

@@ -5,6 +5,7 @@ of a scaled copy's points to the region's, before and after PIFT's first deforma
 their spread: the effect of T on a scaling (D. 96).
 """
 
+import argparse
 import sys
 from pathlib import Path
 
@@ -31,11 +32,13 @@ def figures(path: Path, regions: RegionSet) -> dict[str, float]:
     fill(network, tensors, path)
     source = TrainingRegions(None, None, config)
     trainee = GraspTraining(network.eval(), source, regions, config, torch.device("cpu"))
-    return trainee.validate() | undone(network, regions, config)
+    return trainee.validate() | copy_offsets(network, regions, config)
 
 
 @torch.no_grad()
-def undone(network: SymmetryGraspNet, regions: RegionSet, config: TrainConfig) -> dict[str, float]:
+def copy_offsets(
+    network: SymmetryGraspNet, regions: RegionSet, config: TrainConfig
+) -> dict[str, float]:
     """Return the median of `offset` without and with T; an empty mapping without PIFT."""
     if not network.is_canonical:
         return {}
@@ -53,8 +56,8 @@ def undone(network: SymmetryGraspNet, regions: RegionSet, config: TrainConfig) -
 
 def deformed_points(network: SymmetryGraspNet, regions: RegionBatch) -> Tensor:
     """Return (B, N, 3) the points as input of the first level."""
-    seen = regions.points, regions.ground
-    deformation = network.features(*seen, camera=regions.camera).deformation
+    features = network.features(regions.points, regions.ground, camera=regions.camera)
+    deformation = features.deformation
     if deformation is None:
         raise ValueError("the network deforms no points")
     return deformation.deform(regions.points * UNITS_PER_METER)
@@ -71,13 +74,16 @@ def offset(
 
 def main() -> None:
     """Print a line for each network."""
-    packed, *networks = (Path(argument) for argument in sys.argv[1:])
-    reader = PackedReader(packed)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("packed", type=Path)
+    parser.add_argument("networks", type=Path, nargs="+")
+    options = parser.parse_args()
+    reader = PackedReader(options.packed)
     regions = RegionSet(reader, np.arange(len(reader)))
     with models.one_thread_each():
-        for path in networks:
+        for path in options.networks:
             found = ", ".join(f"{key} {value:.4g}" for key, value in figures(path, regions).items())
-            sys.stdout.write(f"{path.name}: {len(reader)} regions, {found}\n")
+            sys.stdout.write(f"{path}: {len(reader)} regions, {found}\n")
 
 
 if __name__ == "__main__":

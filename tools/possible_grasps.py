@@ -6,6 +6,7 @@ verdict of `evaluate`. A failed search is strong evidence but no proof: pairs ar
 each object that was not held, and per split the number of objects that some grasp holds.
 """
 
+import argparse
 import sys
 from collections import defaultdict
 from collections.abc import Iterator
@@ -108,6 +109,7 @@ def main(report: Path, root: GraspNetRoot) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 3:
-        raise SystemExit(__doc__)
-    main(Path(sys.argv[1]), GraspNetRoot(Path(sys.argv[2])))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("report", type=Path)
+    parser.add_argument("root", type=lambda text: GraspNetRoot(Path(text)))
+    main(**vars(parser.parse_args()))

@@ -7,6 +7,7 @@ and one other, drawn at random, are simulated as `symgrasp simulate` does with t
 the excess of the mean score over the success rate, with its interval over scenes.
 """
 
+import argparse
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -107,7 +108,7 @@ def excess(tried: list[TriedGrasp]) -> tuple[float, float, float]:
     return float(total[0] / total[1]), float(low), float(high)
 
 
-def main(grasps: Path, root: GraspNetRoot, stride: int = 1, friction: float = 0.5) -> None:
+def main(grasps: Path, root: GraspNetRoot, stride: int, friction: float) -> None:
     """Print the table of a file's grasps."""
     index = read_index(grasps)
     gripper, tried = load_gripper(index.gripper), []
@@ -125,8 +126,9 @@ def main(grasps: Path, root: GraspNetRoot, stride: int = 1, friction: float = 0.
 
 
 if __name__ == "__main__":
-    if not 3 <= len(sys.argv) <= 5:
-        raise SystemExit(__doc__)
-    numbers = [int(sys.argv[3])] if len(sys.argv) > 3 else []
-    last = {"friction": float(sys.argv[4])} if len(sys.argv) > 4 else {}
-    main(Path(sys.argv[1]), GraspNetRoot(Path(sys.argv[2])), *numbers, **last)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("grasps", type=Path)
+    parser.add_argument("root", type=lambda text: GraspNetRoot(Path(text)))
+    parser.add_argument("stride", type=int, nargs="?", default=1)
+    parser.add_argument("friction", type=float, nargs="?", default=0.5)
+    main(**vars(parser.parse_args()))

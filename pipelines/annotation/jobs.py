@@ -22,26 +22,26 @@ from pipelines.storage.provenance import (
 )
 
 STAGE = "annotate-symmetry"
-Named = tuple[str, Path, "Job"]  # name of an object, path of its annotation, inputs
+Named = tuple[str, Path, "ObjectInputs"]  # name of an object, path of its annotation, inputs
 
 
 @dataclass(frozen=True)
-class Job:
+class ObjectInputs:
     """Inputs of an object's annotation; `refusal`: the reason why it cannot be annotated."""
 
     mesh: Path
     regions: Path | None = None
     edits: ObjectEdits | None = None
-    given: ModelInfo | None = None
+    bop: ModelInfo | None = None
     refusal: str | None = None
 
 
 @dataclass(frozen=True)
-class Sources:
+class OptionalInputs:
     """Inputs of some objects only: corrections by hand, and entries of BOP's file."""
 
     edits: dict[str, ObjectEdits] = field(default_factory=dict)
-    given: dict[str, ModelInfo] = field(default_factory=dict)
+    bop: dict[str, ModelInfo] = field(default_factory=dict)
 
 
 def items_of(
@@ -49,7 +49,7 @@ def items_of(
     output_dir: Path | None,
     config: AnnotateSymmetryConfig,
     seed: int,
-    sources: Sources,
+    optional: OptionalInputs,
 ) -> list[WorkItem]:
     """Return the items of a dataset root, or of a mesh or a folder of meshes.
 
@@ -59,20 +59,20 @@ def items_of(
     jobs = _dataset_jobs(source, config)
     if output_dir is not None or not jobs:
         jobs = _mesh_jobs(source, output_dir)
-    return [_item(name, target, job, config, seed, sources) for name, target, job in jobs]
+    return [_item(name, target, job, config, seed, optional) for name, target, job in jobs]
 
 
-def without_given(items: Sequence[WorkItem], path: Path, sources: Sources) -> list[str]:
+def without_bop_entry(items: Sequence[WorkItem], path: Path, optional: OptionalInputs) -> list[str]:
     """Return the names of the items without an entry in BOP's file `path`.
 
     Raises:
         SymgraspError: no item has an entry, so the file is for other objects.
     """
-    missing = [item.name for item in items if item.arguments[0].given is None]
+    missing = [item.name for item in items if item.arguments[0].bop is None]
     if len(missing) == len(items):
         raise SymgraspError(
             f"{path} has no entry of {', '.join(missing)}; it has entries of "
-            f"{', '.join(sources.given) or 'no object'}, so give the file of these meshes"
+            f"{', '.join(optional.bop) or 'no object'}, so give the file of these meshes"
         )
     return missing
 
@@ -84,7 +84,7 @@ def edits_of(target: Path) -> str | None:
 
 def is_to_correct(item: WorkItem) -> bool:
     """Return whether `item` is finished except for its corrections."""
-    job: Job = item.arguments[0]
+    job: ObjectInputs = item.arguments[0]
     if job.edits is None:
         return False
     stamp, wanted = _stamp_in(item.target), item.stamp.as_json()
@@ -119,8 +119,8 @@ def _dataset_jobs(source: Path, config: AnnotateSymmetryConfig) -> list[Named]:
     root = GraspNetRoot.finished(source)
     jobs = []
     for object_id in root.object_ids():
-        given = root.region_path(object_id)
-        job = Job(root.model_path(object_id), given if given.is_file() else None)
+        regions = root.region_path(object_id)
+        job = ObjectInputs(root.model_path(object_id), regions if regions.is_file() else None)
         jobs.append((f"{object_id:03d}", root.symmetry_path(object_id), job))
     return jobs
 
@@ -140,20 +140,25 @@ def _mesh_jobs(source: Path, output_dir: Path | None) -> list[Named]:
         if count[name] > 1:
             found = f"{path} shares its name with another mesh of the folder"
             name, refusal = path.name, f"{found}, and both would be {path.stem}.json; rename one"
-        jobs.append((name, output_dir / f"{name}.json", Job(path, refusal=refusal)))
+        jobs.append((name, output_dir / f"{name}.json", ObjectInputs(path, refusal=refusal)))
     return jobs
 
 
 def _item(
-    name: str, target: Path, job: Job, config: AnnotateSymmetryConfig, seed: int, sources: Sources
+    name: str,
+    target: Path,
+    job: ObjectInputs,
+    config: AnnotateSymmetryConfig,
+    seed: int,
+    optional: OptionalInputs,
 ) -> WorkItem:
     key = object_key(name)
-    given = sources.given.get(name, sources.given.get(key or ""))
-    job = replace(job, edits=sources.edits.get(name), given=given)
+    bop = optional.bop.get(name, optional.bop.get(key or ""))
+    job = replace(job, edits=optional.edits.get(name), bop=bop)
     # A missing mesh fails its own item, when it is read.
     inputs = {"mesh": digest_if_there(job.mesh)}
     inputs |= {} if job.regions is None else {"regions": digest(job.regions)}
-    inputs |= {} if given is None else {"bop": digest_text(repr(given))}
+    inputs |= {} if bop is None else {"bop": digest_text(repr(bop))}
     edits = edits_of(target) if job.edits is None else job.edits.digest
     # Without new corrections, an annotation with earlier corrections counts as finished.
     inputs |= {} if edits is None else {"edits": edits}

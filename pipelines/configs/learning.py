@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
-from pipelines.configs.dataset import PackConfig, SceneryConfig
+from pipelines.configs.dataset import FRAME_STRIDE, PackConfig, SceneryConfig
 from pipelines.configs.declaration import BY_EYE, choice, count, fraction, setting
 from pipelines.configs.evaluation import EvaluateConfig
 from pipelines.configs.inference import InferConfig
@@ -18,7 +18,9 @@ ExistenceTarget = Literal["listed", "right"]
 MICRO_BATCH_MEANING = (
     "Items of a batch processed together, gradients summed; 0 adapts to the device."
 )
+LEARNING_RATE = "Learning rate of Adam, at first."
 DECAY = "Factor of the learning rate every `decay_epochs` epochs."
+DECAY_EPOCHS = "Epochs after which the learning rate drops by the factor `decay`."
 EMA_DECAY = "Share of the running mean of the weights that a step keeps; 0 for no mean."
 VAL_FRACTION = "Share of the scenes for validation."
 
@@ -57,14 +59,12 @@ class FinetuneDetectorConfig:
     epochs: int = count(12, "Passes over the frames.", BY_EYE)
     batch_size: int = count(4, "Frames in a step.", BY_EYE)
     micro_batch_size: int = count(0, MICRO_BATCH_MEANING, "D. 58", low=0)
-    learning_rate: float = setting(0.001, "factor", "Learning rate of Adam, at first.", BY_EYE)
+    learning_rate: float = setting(0.001, "factor", LEARNING_RATE, BY_EYE)
     decay: float = fraction(0.9, DECAY, BY_EYE)
-    decay_epochs: float = count(
-        0.5, "Epochs after which the learning rate drops by a tenth.", BY_EYE, low=0.01
-    )
+    decay_epochs: float = count(0.5, DECAY_EPOCHS, BY_EYE, low=0.01)
     ema_decay: float = fraction(0.998, EMA_DECAY, BY_EYE)
     min_pixels: int = setting(200, "px", "Pixels below which a region is left out.", BY_EYE, low=1)
-    frame_stride: int = count(1, "Take every n-th frame of a scene.", BY_EYE)
+    frame_stride: int = count(1, FRAME_STRIDE, BY_EYE)
     max_val_frames: int = count(120, "Most frames of a validation.", BY_EYE)
     val_fraction: float = fraction(0.1, VAL_FRACTION, BY_EYE)
 
@@ -155,13 +155,9 @@ class TrainConfig:
 
     network: NetworkConfig = field(default_factory=NetworkConfig)
     batch_size: int = count(36, "Regions in a step.", "Sec. III-G")
-    learning_rate: float = setting(
-        0.001, "factor", "Learning rate of Adam, at first.", "Sec. III-G"
-    )
+    learning_rate: float = setting(0.001, "factor", LEARNING_RATE, "Sec. III-G")
     decay: float = fraction(0.9, DECAY, "Sec. III-G")
-    decay_epochs: float = count(
-        2.0, "Epochs after which the learning rate drops by a tenth.", "Sec. III-G", low=0.01
-    )
+    decay_epochs: float = count(2.0, DECAY_EPOCHS, "Sec. III-G", low=0.01)
     epochs: int = count(40, "Passes over the regions.", BY_EYE)
     weight_feature: float = setting(
         8.0, "weight", "w^f; the paper has 1, with another L^f.", "D. 96"
@@ -197,15 +193,13 @@ class TrainConfig:
 class TrainCriticConfig:
     """Training of the critics of axes, planes and grasps."""
 
-    frame_stride: int = count(1, "Take every n-th frame of a scene.", BY_EYE)
+    frame_stride: int = count(1, FRAME_STRIDE, BY_EYE)
     max_grasps: int = count(64, "Most grasps of a region in each pass.", "D. 82")
     epochs: int = count(12, "Passes over the candidates.", BY_EYE)
     batch_size: int = count(256, "Approximate number of candidates in a step.", BY_EYE)
-    learning_rate: float = setting(0.002, "factor", "Learning rate of Adam, at first.", BY_EYE)
+    learning_rate: float = setting(0.002, "factor", LEARNING_RATE, BY_EYE)
     decay: float = fraction(0.9, DECAY, BY_EYE)
-    decay_epochs: float = count(
-        0.3, "Epochs after which the learning rate drops by a tenth.", BY_EYE, low=0.01
-    )
+    decay_epochs: float = count(0.3, DECAY_EPOCHS, BY_EYE, low=0.01)
     ema_decay: float = fraction(0.998, EMA_DECAY, BY_EYE)
     point_share: float = fraction(0.75, "Share of a candidate's points in a step.", BY_EYE)
     jitter: float = setting(0.01, "factor", "Noise of points, in the unit of the features.", BY_EYE)

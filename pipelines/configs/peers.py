@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+from pipelines.configs.dataset import FRAME_STRIDE
 from pipelines.configs.declaration import BY_EYE, choice, setting
 from pipelines.configs.learning import DECAY, EMA_DECAY, MICRO_BATCH_MEANING, VAL_FRACTION
 
@@ -56,7 +57,7 @@ class TrainBaselineConfig:
         0, "count", f"Steps after which the learning rate falls; {OWN}", "D. 133"
     )
     ema_decay: float = setting(0.998, "share", EMA_DECAY, BY_EYE)
-    frame_stride: int = setting(1, "count", "Take every n-th frame of a scene.", BY_EYE, low=1)
+    frame_stride: int = setting(1, "count", FRAME_STRIDE, BY_EYE, low=1)
     max_val_frames: int = setting(120, "count", "Most frames of a validation.", BY_EYE, low=1)
     val_fraction: float = setting(0.1, "share", VAL_FRACTION, BY_EYE)
 

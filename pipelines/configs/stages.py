@@ -75,7 +75,7 @@ def default_settings(stage: str) -> Any:  # noqa: ANN401 - a config
     return STAGE_SETTINGS[stage]()
 
 
-def part(kind: type[Config], settings: Any) -> Config:  # noqa: ANN401 - a subclass of `kind`
+def as_config(kind: type[Config], settings: Any) -> Config:  # noqa: ANN401 - a subclass of `kind`
     """Return the part of `settings` that belongs to the config `kind`."""
     names = [each.name for each in fields(kind)]  # type: ignore[arg-type]  # a dataclass
     return kind(**{name: getattr(settings, name) for name in names})

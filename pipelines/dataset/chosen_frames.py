@@ -4,8 +4,9 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pipelines.dataset.graspnet.graspnet_layout import CAMERAS, SPLITS
+from pipelines.dataset.graspnet.graspnet_layout import SPLITS
 from pipelines.errors import UnknownNameError, ValueRangeError
+from pipelines.frames.graspnet_scene import CAMERAS
 from pipelines.frames.rgbd import FrameSource
 
 

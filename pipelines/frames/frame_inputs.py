@@ -46,17 +46,17 @@ class FrameInputs(Mapping[str, str]):
         self._digests()
         return self._signatures or {}
 
-    def take_over(self, stamp: Mapping[str, Any], *, unseen: bool = False) -> None:
+    def take_over(self, stamp: Mapping[str, Any], *, unchecked: bool = False) -> None:
         """Take the digests of the files from the stamp of a result that was made of the files.
 
-        Only if their sizes and times of change agree with the stamp; `unseen`: without this check,
+        Only if their sizes and times of change agree with the stamp; `unchecked`: in any case,
         for a result of the same run.
         """
         inputs, signatures = stamp.get("inputs"), stamp.get("recorded", {}).get("files")
         if not isinstance(inputs, dict) or not self._files.keys() <= inputs.keys():
             return
         now = {name: _signature(path) for name, path in self._files.items()}
-        if unseen or now == signatures:
+        if unchecked or now == signatures:
             self._own = {name: str(inputs[name]) for name in self._files}
             self._signatures = now
 

@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from pipelines.errors import SymgraspError
+from pipelines.frames.graspnet_scene import CAMERAS
 from pipelines.frames.layouts.registry import frames_in, pickled_in
 from pipelines.frames.rgbd import FrameSource
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
@@ -13,8 +14,7 @@ from pipelines.frames.unread_files import why_no_frames
 from pipelines.storage.files import real_path
 from pipelines.storage.unfinished import refuse_unfinished
 
-GRASPNET_CAMERAS = ("kinect", "realsense")
-GRASPNET_SCENE = re.compile(r"scene_(\d{4})")  # folder of a GraspNet scene
+SCENE_FOLDER = re.compile(r"scene_(\d{4})")  # of GraspNet
 
 
 def find_frames(
@@ -70,14 +70,14 @@ def _beside(file: Path, options: FrameOptions) -> list[FrameSource]:
 
 def _is_wanted(camera: str | None, scenes: Container[int] | None, folder: str) -> bool:
     """Return whether a folder of a GraspNet root is wanted; all other folders are."""
-    if folder in GRASPNET_CAMERAS:
+    if folder in CAMERAS:
         return camera in (None, folder)
-    scene = GRASPNET_SCENE.fullmatch(folder)
+    scene = SCENE_FOLDER.fullmatch(folder)
     return scene is None or scenes is None or int(scene[1]) in scenes
 
 
 def _is_of_a_scene(source: FrameSource) -> bool:
-    return any(map(GRASPNET_SCENE.fullmatch, source.files[0].absolute().parts))
+    return any(map(SCENE_FOLDER.fullmatch, source.files[0].absolute().parts))
 
 
 def _search(

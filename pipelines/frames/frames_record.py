@@ -77,5 +77,5 @@ class FramesRecord:
 def _camera(stored: Mapping[str, Any]) -> CameraFile:
     """Return the camera of the fields `stored`; older files have no distortion."""
     bent = stored.get("distortion", {})
-    lens = Distortion(**{**bent, "coefficients": tuple(bent.get("coefficients", ()))})
-    return CameraFile(**{**stored, "distortion": lens})
+    distortion = Distortion(**{**bent, "coefficients": tuple(bent.get("coefficients", ()))})
+    return CameraFile(**{**stored, "distortion": distortion})

@@ -31,6 +31,7 @@ from pipelines.storage.files import existing, read_npy, write_bytes, write_npy, 
 
 log = logging.getLogger(__name__)
 
+CAMERAS = ("kinect", "realsense")
 POSE_FIELDS = ("obj_id", "obj_name", "obj_path", "pos_in_world", "ori_in_world")
 # A .mat opens with 116 bytes of free text, where scipy puts the time of writing.
 MAT_TEXT = b"MATLAB 5.0 MAT-file, written by symgrasp".ljust(116)

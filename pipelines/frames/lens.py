@@ -96,13 +96,13 @@ def _coefficients(content: Mapping[str, Any], model: str) -> Array:
     return np.array([float(source.get(name) or 0.0) for name in names])
 
 
-def undistorted(image: Image, camera: Intrinsics, lens: Distortion, *, smooth: bool) -> Image:
+def undistorted(image: Image, camera: Intrinsics, distortion: Distortion, *, smooth: bool) -> Image:
     """Return `image` (H, W) or (H, W, 3) as seen by a lens without distortion, 0 outside.
 
     `smooth`: interpolate between pixels, for colour; else take the nearest pixel, for depth and
     instance ids, which have no meaningful mean.
     """
-    u, v = _places(camera, lens)
+    u, v = _places(camera, distortion)
     if smooth:
         moved = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
         return cast(Image, np.asarray(moved, image.dtype))
@@ -113,63 +113,63 @@ def undistorted(image: Image, camera: Intrinsics, lens: Distortion, *, smooth: b
     return cast(Image, nearest)
 
 
-def displacement(camera: Intrinsics, lens: Distortion) -> float:
+def displacement(camera: Intrinsics, distortion: Distortion) -> float:
     """Return the largest shift of a pixel by the distortion, in pixels; 0 if it is negligible."""
-    if not lens.coefficients or not lens.is_known:
+    if not distortion.coefficients or not distortion.is_known:
         return 0.0
-    u, v = _places(camera, lens)
+    u, v = _places(camera, distortion)
     columns, rows = np.arange(camera.width), np.arange(camera.height)[:, None]
     most = float(np.hypot(u - columns, v - rows)[u > BEYOND].max(initial=0.0))
     return most if most >= UNNOTICED else 0.0
 
 
 @lru_cache(maxsize=2)  # frames of one camera share the result
-def _places(camera: Intrinsics, lens: Distortion) -> tuple[Places, Places]:
+def _places(camera: Intrinsics, distortion: Distortion) -> tuple[Places, Places]:
     """Return the place of each undistorted pixel in the distorted image, columns and rows (H, W).
 
     BEYOND outside of the view of the lens.
     """
     rays = camera.rays()[..., :2].reshape(-1, 1, 2)
-    bent = _bend(rays, lens)
+    bent = _bend(rays, distortion)
     u = (camera.fx * bent[:, 0, 0] + camera.cx).astype(np.float32)
     v = (camera.fy * bent[:, 0, 1] + camera.cy).astype(np.float32)
     radii = np.linalg.norm(rays[:, 0], axis=1)
-    beyond = radii > _reach(float(radii.max()), lens)
+    beyond = radii > _reach(float(radii.max()), distortion)
     beyond |= ~(np.isfinite(u) & np.isfinite(v))
     u[beyond] = v[beyond] = BEYOND
     shape = camera.height, camera.width
     return u.reshape(shape), v.reshape(shape)
 
 
-def _bend(rays: Array, lens: Distortion) -> Array:
+def _bend(rays: Array, distortion: Distortion) -> Array:
     """Return the distorted points of rays (n, 1, 2), both at depth 1."""
-    size = next(size for size in SIZES[lens.model] if size >= len(lens.coefficients))
+    size = next(size for size in SIZES[distortion.model] if size >= len(distortion.coefficients))
     D = np.zeros(size)
-    D[: len(lens.coefficients)] = lens.coefficients
-    if lens.model == FISHEYE:
+    D[: len(distortion.coefficients)] = distortion.coefficients
+    if distortion.model == FISHEYE:
         radius = np.linalg.norm(rays, axis=2, keepdims=True)
         angle = np.arctan(radius)
         series = np.polynomial.polynomial.polyval(angle**2, [1.0, *D])
         shrinking = np.where(radius > 0, angle / np.where(radius > 0, radius, 1.0), 1.0)
         return np.asarray(rays * shrinking * series, np.float64)
     one, still = np.eye(3), np.zeros(3)
-    if lens.model == INVERSE:
+    if distortion.model == INVERSE:
         return np.asarray(cv2.undistortPoints(rays, one, D), np.float64)
     points = cv2.convertPointsToHomogeneous(rays)
     return np.asarray(cv2.projectPoints(points, still, still, one, D)[0], np.float64)
 
 
-def _reach(farthest: float, lens: Distortion) -> float:
+def _reach(farthest: float, distortion: Distortion) -> float:
     """Return the radius up to which farther rays are farther out in the distorted image.
 
     Beyond it a polynomial decreases again, and the same pixels would be used twice.
     """
-    if lens.model == INVERSE:
+    if distortion.model == INVERSE:
         return np.inf
-    values = list(lens.coefficients)
-    if lens.model == BROWN:
+    values = list(distortion.coefficients)
+    if distortion.model == BROWN:
         values = [k if name[0] == "k" else 0.0 for k, name in zip(values, NAMED, strict=False)]
-    radial = Distortion(lens.model, tuple(values))
+    radial = Distortion(distortion.model, tuple(values))
     radii = np.linspace(0.0, farthest, RADII)
     rays = np.stack([radii, np.zeros(RADII)], axis=-1)[:, None]
     turns = np.flatnonzero(~(np.diff(_bend(rays, radial)[:, 0, 0]) > 0))

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.frames.depth_sense import depth_oddities
+from pipelines.frames.depth_checks import depth_oddities
 from pipelines.frames.rgbd import Frame
 from pipelines.tabletop.sparse_depth import DENSE, measured_share
 

@@ -19,7 +19,7 @@ from pipelines.array_types import Singles
 from pipelines.errors import FormatError
 from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.camera_search import where_a_camera_may_be
-from pipelines.frames.depth_sense import LOOKS_INVERSE, is_inverse
+from pipelines.frames.depth_checks import LOOKS_INVERSE, is_inverse
 from pipelines.frames.encodings.exr_files import read_exr
 from pipelines.frames.lens import Distortion, Image, displacement, undistorted
 from pipelines.geometry.camera import Intrinsics
@@ -48,11 +48,11 @@ class Frame:
     notes: tuple[str, ...] = ()  # oddities, a sentence each
     removed: Distortion | None = None  # lens distortion that only the files' images have
 
-    def laid_on(self, image: Image) -> Image:
-        """Return ids (H, W) at pixels of the files' images, moved to the pixels of this frame."""
+    def undistorted(self, ids: Image) -> Image:
+        """Return an image (H, W) of ids without the lens distortion that the frame lacks too."""
         if self.removed is None:
-            return image
-        return undistorted(image, self.intrinsics, self.removed, smooth=False)
+            return ids
+        return undistorted(ids, self.intrinsics, self.removed, smooth=False)
 
 
 @dataclass(frozen=True)
@@ -146,20 +146,20 @@ def make_frame(
 
 
 def _without_distortion(frame: Frame, camera: CameraFile) -> Frame:
-    lens = camera.distortion
-    if not lens.is_known:
-        note = f"the lens distortion is of the unknown model {lens.model} and stays"
+    distortion = camera.distortion
+    if not distortion.is_known:
+        note = f"the lens distortion is of the unknown model {distortion.model} and stays"
         return replace(frame, notes=(*frame.notes, note))
-    moved = displacement(frame.intrinsics, lens)
+    moved = displacement(frame.intrinsics, distortion)
     if not moved:
         return frame
-    note = f"lens distortion ({lens.model}) is removed: pixels move by up to {moved:.0f}"
-    depth = undistorted(frame.depth, frame.intrinsics, lens, smooth=False)
+    note = f"lens distortion ({distortion.model}) is removed: pixels move by up to {moved:.0f}"
+    depth = undistorted(frame.depth, frame.intrinsics, distortion, smooth=False)
     if not depth.any():
         found = "its lens distortion moves every measured pixel out of the image"
         raise FormatError(camera.origin, found, "check the coefficients")
-    color = undistorted(frame.color, frame.intrinsics, lens, smooth=True)
-    return replace(frame, color=color, depth=depth, notes=(*frame.notes, note), removed=lens)
+    color = undistorted(frame.color, frame.intrinsics, distortion, smooth=True)
+    return replace(frame, color=color, depth=depth, notes=(*frame.notes, note), removed=distortion)
 
 
 def fit_color(path: Path, color: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:

@@ -22,16 +22,16 @@ class Check:
     text: str
 
 
-Look = Callable[[], Check]
+MakeCheck = Callable[[], Check]
 
 
-def looked_at(name: str, look: Look) -> Check:
-    """Return the check that `look` makes; an error that `look` raises becomes a failed check.
+def guarded(name: str, make_check: MakeCheck) -> Check:
+    """Return the result of `make_check`; an error that it raises becomes a failed check.
 
     On a broken machine any check can raise any error, and the other checks must still run.
     """
     try:
-        return look()
+        return make_check()
     except Exception as error:
         sentence = " ".join(str(error).split())
         return Check(name, Status.FAIL, f"{type(error).__name__}: {sentence}")

@@ -5,7 +5,7 @@ import subprocess
 from collections.abc import Iterator
 from functools import partial
 
-from pipelines.health.checks import Check, Status, looked_at
+from pipelines.health.checks import Check, Status, guarded
 
 SIDE = 512  # of the matrices that are multiplied
 SMI_SECONDS = 10
@@ -44,8 +44,8 @@ def gpu_checks(max_error: float) -> Iterator[Check]:
     drivers = _smi("driver_version") or ["unknown"]
     for number in range(torch.cuda.device_count()):
         device = f"cuda:{number}"
-        yield looked_at(f"gpu {number}", partial(product_check, device, drivers[0], max_error))
-        yield looked_at(f"operators {device}", partial(operator_check, device))
+        yield guarded(f"gpu {number}", partial(product_check, device, drivers[0], max_error))
+        yield guarded(f"operators {device}", partial(operator_check, device))
 
 
 def devices() -> list[str]:

@@ -127,7 +127,7 @@ class InferRun:
         for item in items:
             check()
             if item.name not in failed and not inputs_of(item).are_known:
-                inputs_of(item).take_over(read_stamp(item.target) or {}, unseen=True)
+                inputs_of(item).take_over(read_stamp(item.target) or {}, unchecked=True)
         merge_shards(self.output, parts, self.output_stamp(items), self.weights, check)
 
 
@@ -146,7 +146,7 @@ def infer_frame(item: WorkItem, settings: RunSettings) -> str | None:
         path = settings.paths.workspace
         workspace = None if path is None else read_workspace_mask(path, frame.depth.shape)
         # Users draw both on the images as taken.
-        masks, workspace = (None if x is None else frame.laid_on(x) for x in (masks, workspace))
+        masks, workspace = (x if x is None else frame.undistorted(x) for x in (masks, workspace))
         rng = np.random.default_rng(settings.seed)
         result = settings.planner().plan(frame, rng, masks, workspace)
         seconds = result.seconds if settings.timings else np.nan

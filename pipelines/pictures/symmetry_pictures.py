@@ -65,7 +65,7 @@ class _View:
 
     picture: ColorImage
     hits: Hits
-    lens: Intrinsics
+    intrinsics: Intrinsics
     T_cam_mesh: Array
     size: float  # of the object, metres
 
@@ -119,9 +119,9 @@ def triangle_colors(mesh: Mesh, labels: ObjectSymmetries) -> ColorImage:
 def _draw_view(
     scene: Scene, mesh: Mesh, T_mesh_cam: Array, marks: Sequence[Mark], colors: ColorImage
 ) -> ColorImage:
-    lens = camera(FINE * VIEW)
-    hits = cast_view(scene, lens, T_mesh_cam)
-    view = _View(_shaded(hits, colors), hits, lens, invert(T_mesh_cam), mesh.diagonal)
+    intrinsics = camera(FINE * VIEW)
+    hits = cast_view(scene, intrinsics, T_mesh_cam)
+    view = _View(_shaded(hits, colors), hits, intrinsics, invert(T_mesh_cam), mesh.diagonal)
     for mark in marks:
         match mark.symmetry:
             case ReflectionSymmetry():
@@ -146,7 +146,7 @@ def _shaded(hits: Hits, colors: ColorImage) -> ColorImage:
 def _draw_plane(view: _View, mark: Mark, plane: ReflectionSymmetry) -> None:
     corners = transform_points(view.T_cam_mesh, _sheet(mark.extent, plane))
     moved = plane.transformed(view.T_cam_mesh)
-    rays = view.lens.rays()
+    rays = view.intrinsics.rays()
     slope = rays @ moved.normal
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = float(moved.point @ moved.normal) / slope
@@ -162,14 +162,14 @@ def _draw_plane(view: _View, mark: Mark, plane: ReflectionSymmetry) -> None:
     for start, end in pairwise([*corners, corners[0]]):
         _line(view, start, end, mark.color, 2, dashed=mark.dashed)
     if mark.number is not None:
-        pixels = view.lens.project(corners)
+        pixels = view.intrinsics.project(corners)
         _label(view.picture, str(mark.number), pixels[pixels[:, 1].argmin()], mark.color)
 
 
 def _cut(view: _View, plane: ReflectionSymmetry) -> Mask:
     """Return the pixels (H, W) in which the surface passes through `plane`."""
     seen = view.hits.depth > 0
-    points = view.lens.rays() * view.hits.depth[..., None]
+    points = view.intrinsics.rays() * view.hits.depth[..., None]
     height = np.where(seen, (points - plane.point) @ plane.normal, np.nan)
     near = np.abs(height) < CUT_REACH * view.size
     cut = np.zeros_like(seen)
@@ -203,7 +203,7 @@ def _draw_axis(view: _View, mark: Mark, axis: RotationSymmetry) -> None:
     ends = axis.point + (middle + np.array([[-reach], [reach]])) * axis.axis
     ends = transform_points(view.T_cam_mesh, ends)
     _line(view, ends[0], ends[1], mark.color, 5, dashed=mark.dashed)
-    pixels = view.lens.project(ends)
+    pixels = view.intrinsics.project(ends)
     for pixel in pixels:
         _dot(view.picture, pixel, 4 * FINE, mark.color)
     name = "round" if axis.order is None else f"x{axis.order}"
@@ -214,8 +214,8 @@ def _draw_sphere(view: _View, mark: Mark, sphere: SphereSymmetry) -> None:
     used = mark.extent.vertices[np.unique(mark.extent.faces)]
     radius = float(np.median(np.linalg.norm(used - sphere.point, axis=1)))
     center = transform_points(view.T_cam_mesh, sphere.point)
-    pixel = view.lens.project(center)
-    size = round(radius / np.sqrt(max(center[2] ** 2 - radius**2, 1e-12)) * view.lens.fx)
+    pixel = view.intrinsics.project(center)
+    size = round(radius / np.sqrt(max(center[2] ** 2 - radius**2, 1e-12)) * view.intrinsics.fx)
     place = (round(float(pixel[0])), round(float(pixel[1])))
     cv2.circle(view.picture, place, size, mark.color, 2 * FINE, cv2.LINE_AA)
     _dot(view.picture, pixel, 3 * FINE, mark.color)
@@ -227,8 +227,8 @@ def _line(
 ) -> None:
     """Draw a line between two points (3,), camera frame, fainter where the object hides it."""
     points = start + np.linspace(0.0, 1.0, NUM_STEPS + 1)[:, None] * (end - start)
-    pixels = view.lens.project(points)
-    column, row = np.rint(pixels).astype(int).T.clip(0, view.lens.width - 1)
+    pixels = view.intrinsics.project(points)
+    column, row = np.rint(pixels).astype(int).T.clip(0, view.intrinsics.width - 1)
     surface = view.hits.depth[row, column]
     hidden = (surface > 0) & (points[:, 2] > surface + 1e-3 * view.size)
     faint = view.picture.copy()

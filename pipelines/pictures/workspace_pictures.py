@@ -43,28 +43,28 @@ def draw_workspace(
         rows, columns = np.nonzero(mask)
         place = np.array([np.median(columns), np.median(rows)])
         _letter(picture, str(number), place, rgb(region_color(number)), thick)
-    T_cam_box, lens = invert(box.T_box_cam), frame.intrinsics
+    T_cam_box, intrinsics = invert(box.T_box_cam), frame.intrinsics
     corners = np.array(list(product(*box.corners.T)))
     for first, second in combinations(range(8), 2):
         if np.count_nonzero(corners[first] != corners[second]) == 1:
             ends = transform_points(T_cam_box, corners[[first, second]])
-            _line_in_space(picture, lens, ends, EDGE_COLOR, thick)
+            _line_in_space(picture, intrinsics, ends, EDGE_COLOR, thick)
     for axis, color in enumerate(AXIS_COLORS):
         ends = box.corners[0] + np.array([np.zeros(3), AXIS_LENGTH * np.eye(3)[axis]])
         ends = transform_points(T_cam_box, ends)
-        _line_in_space(picture, lens, ends, color, 3 * thick)
+        _line_in_space(picture, intrinsics, ends, color, 3 * thick)
         if ends[1, 2] > NEAR_PLANE:
-            _letter(picture, "xyz"[axis], lens.project(ends[1:])[0], color, thick)
+            _letter(picture, "xyz"[axis], intrinsics.project(ends[1:])[0], color, thick)
     return picture
 
 
 def _line_in_space(
-    picture: ColorImage, lens: Intrinsics, ends: Array, color: Color, size: int
+    picture: ColorImage, intrinsics: Intrinsics, ends: Array, color: Color, size: int
 ) -> None:
     """Draw the part of a line that is in front of the camera; `ends` (2, 3), camera frame."""
     shares = np.linspace(0.0, 1.0, LINE_SEGMENTS + 1)[:, None]
     points = ends[0] + shares * (ends[1] - ends[0])
-    pixels = lens.project(np.where(points[:, 2:] > NEAR_PLANE, points, [0.0, 0.0, 1.0]))
+    pixels = intrinsics.project(np.where(points[:, 2:] > NEAR_PLANE, points, [0.0, 0.0, 1.0]))
     places = np.clip(np.rint(pixels), -30000, 30000).astype(int).tolist()
     for i in range(LINE_SEGMENTS):
         if (points[i : i + 2, 2] > NEAR_PLANE).all():

@@ -146,8 +146,8 @@ class SimulatedGripper:
 
     def penetration(self) -> float:
         """Return the largest depth of the gripper in another body, metres."""
-        with_hand = np.isin(self._pairs(), self.bodies).any(axis=1)
-        depth = -self.data.contact.dist[with_hand]
+        of_gripper = np.isin(self._pairs(), self.bodies).any(axis=1)
+        depth = -self.data.contact.dist[of_gripper]
         return float(depth.max(initial=0.0))
 
     def _pairs(self) -> Indices:

@@ -143,14 +143,14 @@ class EndlessScenes:
         except SymgraspError:  # these objects do not come to rest together; draw other objects
             return []
         sensor = str(rng.choice(list(LENSES)))
-        lens = sensor_intrinsics(sensor, config.width, config.height)
+        intrinsics = sensor_intrinsics(sensor, config.width, config.height)
         others, places = background(layout, rng)
         meshes = [*(item.mesh for item in layout.objects), *others]
         poses = [*layout.poses, *places]
         scene, around = Scene(meshes, poses), layout.surroundings
         clouds: list[LabelledCloud] = []
         for T_world_cam in drawn_viewpoints(
-            layout.centre, config.views, lens, rng, around.arc, around.elevations
+            layout.centre, config.views, intrinsics, rng, around.arc, around.elevations
         ):
             perfect = rng.uniform() < config.perfect_share
             seen_by = "perfect" if perfect else sensor
@@ -158,28 +158,28 @@ class EndlessScenes:
             if rng.uniform() < config.occluders:
                 mesh, pose = self._occluder(layout, T_world_cam, rng)
                 shown = Scene([*meshes, mesh], [*poses, pose])
-            clouds += self._view(layout, shown, lens, seen_by, T_world_cam, rng)
+            clouds += self._view(layout, shown, intrinsics, seen_by, T_world_cam, rng)
         return clouds
 
     def _view(
         self,
         layout: SceneLayout,
         scene: Scene,
-        lens: Intrinsics,
+        intrinsics: Intrinsics,
         sensor: str,
         T_world_cam: Array,
         rng: np.random.Generator,
     ) -> list[LabelledCloud]:
         """Return the labelled regions that one camera sees."""
         T_cam_obj = invert(T_world_cam) @ layout.poses
-        lens = window_of(lens, [item.mesh for item in layout.objects], T_cam_obj)
-        hits = cast_view(scene, lens, T_world_cam)
-        depth = measured_depth(sensor, scene, hits, lens, T_world_cam, rng)
+        intrinsics = window_of(intrinsics, [item.mesh for item in layout.objects], T_cam_obj)
+        hits = cast_view(scene, intrinsics, T_world_cam)
+        depth = measured_depth(sensor, scene, hits, intrinsics, T_world_cam, rng)
         ids = np.array([item.object_id + 1 for item in layout.objects])
         mine = (hits.object_index >= 0) & (hits.object_index < len(ids))
         label = np.where(mine, ids[np.where(mine, hits.object_index, 0)], 0)
         poses = {i - 1: pose for i, pose in zip(ids.tolist(), T_cam_obj, strict=True)}
-        shown = visible_regions(label, lens, list(poses.items()), self.regioned)
+        shown = visible_regions(label, intrinsics, list(poses.items()), self.regioned)
         pack, config = self.config.pack, self.config
         noise = MaskNoise(pack.mask_noise_share, pack.mask_edge, pack.mask_blot)
         faults = MaskFaults(config.mask_leaks, config.mask_cuts)
@@ -190,7 +190,7 @@ class EndlessScenes:
             return noise.applied(faults.applied(instance.mask, mine, rng), rng)
 
         normal = T_world_cam[2, :3]  # the world's z axis; the table is the plane z = 0
-        cloud = SceneCloud(depth, lens, Plane(normal, float(T_world_cam[2, 3])))
+        cloud = SceneCloud(depth, intrinsics, Plane(normal, float(T_world_cam[2, 3])))
         return labelled_clouds(
             shown, cloud, poses, lambda i: self.objects[i].surface, mask_of, pack, rng
         )
@@ -206,18 +206,20 @@ class EndlessScenes:
         return drawn.mesh, make_pose(turn, place - turn @ drawn.centre)
 
 
-def window_of(lens: Intrinsics, meshes: Sequence[Mesh], T_cam_obj: Array) -> Intrinsics:
+def window_of(intrinsics: Intrinsics, meshes: Sequence[Mesh], T_cam_obj: Array) -> Intrinsics:
     """Return the camera of the image section around the posed meshes, with a margin."""
     corners = [
         transform_points(pose, mesh.vertices) for mesh, pose in zip(meshes, T_cam_obj, strict=True)
     ]
     points = np.concatenate(corners)
-    pixels = lens.project(points[points[:, 2] > 0.05])
-    size = np.array([lens.width, lens.height])
+    pixels = intrinsics.project(points[points[:, 2] > 0.05])
+    size = np.array([intrinsics.width, intrinsics.height])
     low = np.clip(np.floor(pixels.min(axis=0)).astype(int) - MARGIN, 0, size - 1)
     high = np.clip(np.ceil(pixels.max(axis=0)).astype(int) + MARGIN, low + 1, size)
     width, height = (high - low).tolist()
-    return replace(lens, cx=lens.cx - low[0], cy=lens.cy - low[1], width=width, height=height)
+    return replace(
+        intrinsics, cx=intrinsics.cx - low[0], cy=intrinsics.cy - low[1], width=width, height=height
+    )
 
 
 def _packed(cloud: LabelledCloud) -> PackedRegion:

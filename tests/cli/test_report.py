@@ -10,7 +10,7 @@ from pipelines import refine_grasps
 from pipelines.evaluation.tables import Table
 from pipelines.runtime.batch import StageReport
 from symgrasp_cli.app import app
-from symgrasp_cli.report import Manner, conclude, show_table, speaking
+from symgrasp_cli.report import ReportStyle, conclude, reporting_in, show_table
 
 HEADER = ("method", "mu", "split", "reflection", "rotation", "sphere", "none", "all")
 RATES = ("66 (58-72)", "73 (67-79)", "100 (76-100)", "75 (55-88)", "71 (66-75)")
@@ -35,7 +35,7 @@ def reported(capsys, tmp_path, report, wanted=None, **more):
     """Return the stdout and stderr of `conclude`, and the exit code."""
     (tmp_path / "out file").touch()
     code = 0
-    with speaking(wanted or Manner()):
+    with reporting_in(wanted or ReportStyle()):
         try:
             conclude(report, tmp_path / "out file", tmp_path / "missing", None, **more)
         except typer.Exit as end:
@@ -77,14 +77,14 @@ def test_no_next_command_is_named_where_nothing_is_finished(capsys, tmp_path):
 
 def test_a_quiet_command_reports_failures_only(capsys, tmp_path):
     report = StageReport("infer", done=["a"], failed={"b": "it is bad"}, notes={"a": "odd"})
-    _, err, _ = reported(capsys, tmp_path, report, Manner(quiet=True), lines=["2 grasps"])
+    _, err, _ = reported(capsys, tmp_path, report, ReportStyle(quiet=True), lines=["2 grasps"])
     assert err == "error: b: it is bad\n"
 
 
 def test_a_json_report_is_one_object_with_its_tables(capsys, tmp_path):
     report = StageReport("infer", done=["a"], failed={"b": "it is bad"}, seconds=1.23)
     out, _, _ = reported(
-        capsys, tmp_path, report, Manner(as_json=True), tables=[TABLE], facts={"grasps": 2}
+        capsys, tmp_path, report, ReportStyle(as_json=True), tables=[TABLE], facts={"grasps": 2}
     )
     found = json.loads(out)
     assert found | {"tables": []} == {

@@ -3,11 +3,14 @@
 import inspect
 import re
 import shlex
+import tomllib
 from collections.abc import Iterator
 
 import pytest
 from typer.main import get_command
 
+from pipelines.configs.settings import settings_of
+from pipelines.configs.stages import default_settings
 from symgrasp_cli import settings
 from symgrasp_cli.app import COMMANDS, app
 from tests.docs.test_pages import PAGES, ROOT
@@ -135,6 +138,20 @@ def test_shown_commands_are_valid(source, command_lines):
         check(words, command_lines, is_whole=True)
     for words in commands_of_spans(text):
         check(words, command_lines, is_whole=False)
+
+
+def dotted(tables: dict, prefix: str = "") -> Iterator[str]:
+    """Yield the dotted names of the values in the tables of a TOML file."""
+    for name, value in tables.items():
+        yield from dotted(value, f"{prefix}{name}.") if isinstance(value, dict) else [prefix + name]
+
+
+def test_the_shown_file_of_settings_has_no_names_of_earlier_versions():
+    page = (ROOT / "docs/how-to/settings.md").read_text(encoding="utf-8")
+    (shown,) = (block for language, block in BLOCK.findall(page) if language == "toml")
+    assert set(dotted(tomllib.loads(shown))) <= {
+        each.name for each in settings_of(default_settings("infer"))
+    }
 
 
 def test_blocks_and_spans_are_read_as_a_shell_and_a_reader_would():

@@ -78,5 +78,5 @@ def test_digests_of_changed_files_are_computed_again(
     now = digest(files[0]) if files[0].exists() else UNREADABLE
     assert again["0 0.png"] == now
     again = FrameInputs({}, files)
-    again.take_over(stamp, unseen=True)  # results of this run stay valid
+    again.take_over(stamp, unchecked=True)  # results of this run stay valid
     assert dict(again) == stamp["inputs"]

@@ -138,13 +138,13 @@ def test_a_frame_notes_its_removed_distortion_and_masks_are_moved_along() -> Non
     assert "lens distortion (Brown-Conrady) is removed" in frame.notes[0]
     mask = np.zeros((120, 160), np.bool_)
     mask[20:24, 20:24] = True
-    rows, columns = np.nonzero(frame.laid_on(mask))
+    rows, columns = np.nonzero(frame.undistorted(mask))
     assert rows.mean() < 19  # barrel distortion draws points towards the middle
     assert columns.mean() < 19
-    assert frame.laid_on(np.full((120, 160), 3, np.int32))[60, 80] == 3
+    assert frame.undistorted(np.full((120, 160), 3, np.int32))[60, 80] == 3
     plain = framed(Distortion(), depth)
     assert not plain.notes
-    assert plain.laid_on(mask) is mask
+    assert plain.undistorted(mask) is mask
 
 
 def test_an_unknown_model_is_reported() -> None:

@@ -23,8 +23,8 @@ from pipelines.learning.grasp_network.grasp_training import GraspTraining
 from pipelines.learning.grasp_network.region_sources import RegionSet, TrainingRegions, packed_items
 from pipelines.learning.loop.runs import FAULT, RunRequest, file_of_run
 from pipelines.learning.speed.gradients import GradientWorkers
+from pipelines.learning.speed.micro_batches import micro_batches_of
 from pipelines.learning.speed.processes import Processes
-from pipelines.learning.speed.shares import cut
 from pipelines.network.detection.detector import RegionDetector
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.predictor import GraspPredictor
@@ -101,7 +101,7 @@ def test_a_network_that_diverges_saves_its_batch(tmp_path):
 
 def assert_gradients_are_there(trainee, items):
     """Take the losses of one batch and their gradients on the pretended GPU."""
-    (piece,) = cut(items, len(items), Processes())
+    (piece,) = micro_batches_of(items, len(items), Processes())
     trainee.module.train()
     loaded = [(piece, piece.load(trainee, 0, 0, 0))]
     with GradientWorkers(trainee, 1) as workers:

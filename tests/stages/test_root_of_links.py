@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from pipelines.annotation.jobs import Sources, items_of
+from pipelines.annotation.jobs import OptionalInputs, items_of
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.frames.frames import find_frames
@@ -22,5 +22,5 @@ def test_a_root_of_links_is_read_and_annotated_next_to_the_links(tmp_path: Path)
         "scenes/scene_0100/kinect/0001",
     ]
     assert GraspNetRoot.finished(work).scenes("kinect", "seen")[0].frame_ids == [0, 1]
-    (item,) = items_of(work, None, AnnotateSymmetryConfig(), 0, Sources())
+    (item,) = items_of(work, None, AnnotateSymmetryConfig(), 0, OptionalInputs())
     assert item.target == work / "symmetry/007.json"

@@ -36,7 +36,7 @@ def test_a_stopped_or_failed_synthesize_leaves_the_mark_of_an_unfinished_root(
     def stopped(*_arguments: object) -> StageReport:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(synthesize._Root, "write_object_list", lambda _root: None)
+    monkeypatch.setattr(synthesize._PlannedRoot, "write_object_list", lambda _root: None)
     monkeypatch.setattr(synthesize, "run_batch", stopped)
     with pytest.raises(KeyboardInterrupt):
         synthesize.run(tmp_path, SynthesizeConfig(), QUIET)

@@ -4,7 +4,7 @@
 colour adds nearly the same values everywhere but at the image's border; the biases include them.
 """
 
-import sys
+import argparse
 from dataclasses import replace
 from pathlib import Path
 from typing import cast
@@ -49,4 +49,7 @@ def write(both: Path, out: Path) -> None:
 
 
 if __name__ == "__main__":
-    write(*map(Path, sys.argv[1:3]))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("both", type=Path)
+    parser.add_argument("out", type=Path)
+    write(**vars(parser.parse_args()))

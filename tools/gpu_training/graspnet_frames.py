@@ -7,6 +7,7 @@ NAME.frames is the folder that `symgrasp train-baseline graspnet ROOT` prepares.
 point are stored once for all views of a scene, and clouds keep 16,000 points.
 """
 
+import argparse
 import io
 import lzma
 import sys
@@ -115,6 +116,11 @@ def unpack_frames(path: Path, folder: Path) -> int:
 
 
 if __name__ == "__main__":
-    command, packed, prepared = sys.argv[1], *map(Path, sys.argv[2:4])
-    done = {"pack": pack_frames, "unpack": unpack_frames}[command](packed, prepared)
+    commands = {"pack": pack_frames, "unpack": unpack_frames}
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("command", choices=tuple(commands))
+    parser.add_argument("packed", type=Path, help="OUT.xz")
+    parser.add_argument("folder", type=Path, help="NAME.frames")
+    options = parser.parse_args()
+    done = commands[options.command](options.packed, options.folder)
     sys.stdout.write(f"{done} frames\n")

@@ -4,6 +4,7 @@
 `symmetry/` and `affordance/`. Coordinates are 16-bit whole numbers over the object's box.
 """
 
+import argparse
 import io
 import json
 import lzma
@@ -166,5 +167,9 @@ def scenes_of_file(path: Path, seed: int, limit: int | None = None) -> EndlessSc
 
 
 if __name__ == "__main__":
-    count = write(Path(sys.argv[1]), [Path(root) for root in sys.argv[2:]])
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("roots", type=Path, nargs="+")
+    options = parser.parse_args()
+    count = write(options.out, options.roots)
     sys.stdout.write(f"{count} objects\n")

@@ -99,7 +99,7 @@ class GraspNetOnDevice(GraspNetTraining):
         """Return the loss terms on the validation frames, unturned."""
         scenes = (
             self._scene(_tensors(frame, self.device), np.random.default_rng(0), 0.0)
-            for frame in self.judged_frames()
+            for frame in self.validation_frames()
         )
         return mean_figures([mean_terms(self.module, [each], self.device) for each in scenes])
 

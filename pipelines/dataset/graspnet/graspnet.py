@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from pipelines.array_types import Floats, Singles
 from pipelines.dataset.graspnet.graspnet_layout import (
     BLOCK,
-    CAMERAS,
     SPLITS,
     FrameFiles,
     SceneFiles,
@@ -29,15 +28,14 @@ from pipelines.dataset.graspnet.graspnet_layout import (
 )
 from pipelines.errors import FormatError, MissingInputError, SymgraspError, UnknownNameError
 from pipelines.frames.camera_files import CameraFile, read_camera_file
-from pipelines.frames.graspnet_scene import ObjectPose, read_poses
-from pipelines.frames.rgbd import DepthUnits, Frame, read_depth, read_pair
+from pipelines.frames.graspnet_scene import CAMERAS, ObjectPose, read_poses
+from pipelines.frames.rgbd import MISSING_DEPTH, DepthUnits, Frame, read_depth, read_pair
 from pipelines.geometry.camera import Intrinsics
 from pipelines.storage.images import read_image, write_image
 from pipelines.storage.unfinished import refuse_unfinished
 
 DEPTH_SCALE = 1000.0  # depth units per metre
 DEPTH_UNITS = DepthUnits(DEPTH_SCALE, DEPTH_SCALE, is_certain=True)
-LARGEST_DEPTH = 65534  # 65535 reads as missing
 
 
 @dataclass(frozen=True)
@@ -182,7 +180,7 @@ class GraspNetRoot:
 def write_depth(path: Path, depth: Floats) -> None:
     """Write `depth/NNNN.png` from metres (H, W), 0 or nan = missing: uint16 millimetres."""
     millimetres = np.rint(np.nan_to_num(depth, nan=0.0, posinf=0.0, neginf=0.0) * DEPTH_SCALE)
-    measured = (millimetres > 0) & (millimetres <= LARGEST_DEPTH)
+    measured = (millimetres > 0) & (millimetres < MISSING_DEPTH)
     write_image(path, np.where(measured, millimetres, 0).astype(np.uint16))
 
 

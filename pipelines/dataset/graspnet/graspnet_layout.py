@@ -15,7 +15,6 @@ from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.storage.files import read_npy
 from pipelines.storage.images import read_image
 
-CAMERAS = ("kinect", "realsense")
 SURROUNDINGS_FILE = "surroundings.npz"
 SPLITS = {
     "train": range(100),
@@ -57,8 +56,8 @@ class SceneFiles:
 
     @property
     def name(self) -> str:
-        """scene_NNNN_CAMERA, the name of results of the scene."""
-        return f"scene_{self.scene_id:04d}_{self.camera}"
+        """scene_NNNN_CAMERA."""
+        return scene_name(self.scene_id, self.camera)
 
     @property
     def camera_folder(self) -> Path:
@@ -128,6 +127,11 @@ class SceneFiles:
     def frames(self) -> list[FrameFiles]:
         """Return the files of every frame with a depth image."""
         return [self.frame(frame_id) for frame_id in self.frame_ids]
+
+
+def scene_name(scene_id: int, camera: str) -> str:
+    """Return scene_NNNN_CAMERA, the name of results of a scene seen by one camera."""
+    return f"scene_{scene_id:04d}_{camera}"
 
 
 def frame_key(name: str) -> tuple[int, str, int] | None:

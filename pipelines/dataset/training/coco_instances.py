@@ -19,9 +19,10 @@ import numpy as np
 from pycocotools import mask as coco_mask
 
 from pipelines.array_types import Mask
-from pipelines.dataset.graspnet.graspnet_layout import CAMERAS, FrameFiles
+from pipelines.dataset.graspnet.graspnet_layout import FrameFiles, scene_name
 from pipelines.dataset.symmetry.symmetry_labels import symmetry_to_json
 from pipelines.errors import FormatError
+from pipelines.frames.graspnet_scene import CAMERAS
 from pipelines.geometry.region_masks import RegionInstance
 from pipelines.geometry.symmetry import SYMMETRY_KINDS, RotationSymmetry, Symmetry
 from pipelines.storage.files import read_json, write_json
@@ -44,7 +45,7 @@ class CocoFrame:
     @property
     def scene(self) -> str:
         """Name of scene and camera."""
-        return f"scene_{self.files.scene_id:04d}_{self.files.camera}"
+        return scene_name(self.files.scene_id, self.files.camera)
 
     def masks(self) -> list[Mask]:
         """Return the masks (H, W) of the annotations."""

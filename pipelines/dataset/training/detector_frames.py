@@ -46,8 +46,8 @@ def write(path: Path, frames: list[DetectorFrame], stamp: Stamp) -> None:
         _images(file, "regions", [each.regions for each in frames])
         planes = [[*each.plane.normal, each.plane.offset] for each in frames]
         file["plane"] = np.reshape(np.array(planes, np.float64), (-1, 4))
-        lens = [[camera.fx, camera.fy, camera.cx, camera.cy] for camera in cameras]
-        file["intrinsics"] = np.reshape(np.array(lens, np.float64), (-1, 4))
+        numbers = [[camera.fx, camera.fy, camera.cx, camera.cy] for camera in cameras]
+        file["intrinsics"] = np.reshape(np.array(numbers, np.float64), (-1, 4))
         if frames:
             file["depth"].attrs["units"] = "0.1 mm"
 
@@ -65,8 +65,8 @@ def read(path: Path, row: int) -> DetectorFrame:
         check_version(path, file.attrs.get("format_version"), FORMAT_VERSION)
         color, regions = file["color"][row], file["regions"][row]
         depth = file["depth"][row].astype(np.float32) / np.float32(DEPTH_UNITS)
-        plane, lens = file["plane"][row], file["intrinsics"][row]
-    fx, fy, cx, cy = lens.tolist()
+        plane, numbers = file["plane"][row], file["intrinsics"][row]
+    fx, fy, cx, cy = numbers.tolist()
     intrinsics = Intrinsics(fx, fy, cx, cy, width=depth.shape[1], height=depth.shape[0])
     return DetectorFrame(
         SmallFrame(color, depth, intrinsics), Plane(plane[:3], float(plane[3])), regions

@@ -66,16 +66,16 @@ def _without_far_places(steps: bytes) -> bytes:
     return steps
 
 
-class _Stand:
+class _Replacement:
     """Replacement of a name that the pickle asks for: it may be called, and nothing else."""
 
-    __slots__ = ("_stands_for",)
+    __slots__ = ("_function",)
 
-    def __init__(self, stands_for: Callable[..., Any]) -> None:
-        self._stands_for = stands_for
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._function = function
 
     def __call__(self, *arguments: Any) -> Any:  # noqa: ANN401 - the pickle's
-        return self._stands_for(*arguments)
+        return self._function(*arguments)
 
     def __setstate__(self, _state: Any) -> None:  # noqa: ANN401 - the pickle's
         raise pickle.UnpicklingError("it changes an object that it asked for")
@@ -191,11 +191,11 @@ class _PlainUnpickler(pickle.Unpickler):
         """Return the replacement of a name."""
         if (module, name) not in ALLOWED:
             raise pickle.UnpicklingError(f"it asks for {module}.{name}")
-        return _Stand(ALLOWED[module, name])
+        return _Replacement(ALLOWED[module, name])
 
     def persistent_load(self, _identity: Any) -> Any:  # noqa: ANN401 - as pickle has it
         """Refuse a reference to an object outside of the pickle."""
-        raise pickle.UnpicklingError("it refers to things outside")
+        raise pickle.UnpicklingError("it refers to an object outside of it")
 
 
 def _plain(value: Any, left: list[int], depth: int) -> Any:  # noqa: ANN401 - any content

@@ -248,11 +248,11 @@ def read_camera(path: Path, reader: Any, topics: Topics) -> CameraFile | None:  
         raise FormatError(path, found, "give --intrinsics fx,fy,cx,cy")
     matrix = np.asarray(K, np.float64).reshape(3, 3)
     stated = {"D": np.asarray(() if D is None else D).tolist()}
-    lens = distortion_in(path, stated | {"distortion_model": info.distortion_model})
+    distortion = distortion_in(path, stated | {"distortion_model": info.distortion_model})
     if topics.is_rectified:
         projection = np.asarray(P, np.float64).reshape(3, 4)[:, :3]
-        matrix, lens = projection if projection.any() else matrix, NO_DISTORTION
-    facts = {"width": int(info.width), "height": int(info.height), "distortion": lens}
+        matrix, distortion = projection if projection.any() else matrix, NO_DISTORTION
+    facts = {"width": int(info.width), "height": int(info.height), "distortion": distortion}
     return CameraFile.from_matrix(path, matrix, **facts)
 
 

@@ -68,7 +68,7 @@ def plane_fits(surface: SeenSurface, space: FreeSpace) -> list[PlaneFit]:
     extent = np.ptp(surface.points, axis=0)
     voxel = max(VOXEL_SHARE * float(np.linalg.norm(extent)), MIN_VOXEL)
     thin = surface.thinned(voxel)
-    search = _Search(thin, voxel, cKDTree(thin.points), thin.points.mean(axis=0))
+    search = _PlaneSearch(thin, voxel, cKDTree(thin.points), thin.points.mean(axis=0))
     planes = filter(None, map(search.refined, _starting_normals(thin.points)))
     fits = _without_duplicates([search.scored(plane, space) for plane in planes])
     return sorted(fits, key=lambda fit: -fit.confidence)
@@ -84,7 +84,7 @@ def _starting_normals(points: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class _Search:
+class _PlaneSearch:
     """Points that the planes n . (x - mean) = offset of one region are fitted to."""
 
     surface: SeenSurface

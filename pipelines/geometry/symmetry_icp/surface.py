@@ -102,11 +102,6 @@ class FreeSpace:
         distance = CELL * distance_transform_edt(free.reshape(size))
         return cls(low, np.minimum(distance, MAX_FREE), table)
 
-    @classmethod
-    def unknown(cls) -> "FreeSpace":
-        """Return a space without any seen part."""
-        return cls(np.zeros(3), np.zeros((1, 1, 1)), None)
-
     def occupancy_error(self, points: Array) -> Array:
         """Return (...) the error of `points` (..., 3): 0 if possible, 1 if in free space.
 

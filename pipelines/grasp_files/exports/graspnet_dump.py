@@ -13,8 +13,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipelines.dataset.graspnet.graspnet_layout import CAMERAS, frame_key
+from pipelines.dataset.graspnet.graspnet_layout import frame_key
 from pipelines.errors import FormatError
+from pipelines.frames.graspnet_scene import CAMERAS
 from pipelines.grasp_files.exports.grasp_exports import ExportHeader, FrameGrasps, frame_path
 from pipelines.grasping.grasps import to_graspnet
 from pipelines.storage.files import write_npy

@@ -23,7 +23,7 @@ from pipelines.learning.critics.logistic import best_of_groups, log_loss, logist
 from pipelines.learning.loop.faults import Fault
 
 LEAST_SPREAD = 1e-2  # least spread of a feature: outliers in use must not outweigh the rest
-PIECES = 4  # parts of a batch that threads work on
+MICRO_BATCHES = 4  # of a batch, which threads work on
 CHUNK = 1024  # candidates that validation scores at a time
 
 
@@ -92,7 +92,7 @@ class CriticTraining:
         self.rows, self.held, self.config = rows, held, config
         self.mirrored = list(kind.mirrored)
         self.weight_choice = choice_weight(kind, config)
-        self.micro_batch_size = max(1, config.batch_size // PIECES)
+        self.micro_batch_size = max(1, config.batch_size // MICRO_BATCHES)
         if self.weight_choice > 0:  # an item is a group
             size = len(rows) / (len(np.unique(rows.group)) or 1)
             self.micro_batch_size = max(1, round(self.micro_batch_size / size))

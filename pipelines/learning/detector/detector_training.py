@@ -21,8 +21,8 @@ from pipelines.learning.detector.frame_views import (
 )
 from pipelines.learning.loop.faults import Fault, numbered, unnumbered
 from pipelines.learning.loop.loaders import epoch_batches
+from pipelines.learning.speed.micro_batches import micro_batch_size
 from pipelines.learning.speed.processes import Processes
-from pipelines.learning.speed.shares import micro_batch_size
 from pipelines.metrics.coco_masks import coco_average_precision, match_masks
 from pipelines.network.detection.detector import draw_mask
 from pipelines.network.detection.mask_rcnn import build_detector, seed_samplers

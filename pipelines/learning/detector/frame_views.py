@@ -69,7 +69,7 @@ def zoomed(view: DetectorFrame, zoom: float, rng: np.random.Generator) -> Detect
     inverse = np.array([[1.0 / zoom, 0.0, corner[0]], [0.0, 1.0 / zoom, corner[1]]])
     nearest = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
     linear = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    lens = replace(
+    intrinsics = replace(
         camera,
         fx=camera.fx * zoom,
         fy=camera.fy * zoom,
@@ -79,7 +79,7 @@ def zoomed(view: DetectorFrame, zoom: float, rng: np.random.Generator) -> Detect
     frame = SmallFrame(
         np.asarray(cv2.warpAffine(view.frame.color, inverse, size, flags=linear), np.uint8),
         np.asarray(cv2.warpAffine(view.frame.depth, inverse, size, flags=nearest), np.float32),
-        lens,
+        intrinsics,
     )
     regions = cv2.warpAffine(view.regions, inverse, size, flags=nearest)
     return DetectorFrame(frame, view.plane, np.asarray(regions, np.uint8))

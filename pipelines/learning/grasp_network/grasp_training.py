@@ -15,8 +15,8 @@ from pipelines.learning.grasp_network.region_figures import RegionFigures
 from pipelines.learning.grasp_network.region_sources import RegionSet, TrainingRegions
 from pipelines.learning.loop.faults import Fault
 from pipelines.learning.loop.loaders import load_regions
+from pipelines.learning.speed.micro_batches import micro_batch_size
 from pipelines.learning.speed.processes import Processes
-from pipelines.learning.speed.shares import micro_batch_size
 from pipelines.network.augmentation import augment, scaled_copy
 from pipelines.network.cpu.folding import folded
 from pipelines.network.losses import NUM_ERROR_POINTS, total_loss

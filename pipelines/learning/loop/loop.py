@@ -22,8 +22,8 @@ from pipelines.configs import (
 )
 from pipelines.errors import ValueRangeError
 from pipelines.learning.loop.faults import describe_losses, save_fault
-from pipelines.learning.loop.keeping import Keeper
 from pipelines.learning.loop.loaders import load_ahead
+from pipelines.learning.loop.run_files import RunFiles
 from pipelines.learning.loop.runs import (
     CHECKPOINT,
     FAULT,
@@ -42,8 +42,8 @@ from pipelines.learning.speed.gradients import (
     StepAbandoned,
     intra_op_threads,
 )
+from pipelines.learning.speed.micro_batches import generator, micro_batches_of
 from pipelines.learning.speed.processes import Processes
-from pipelines.learning.speed.shares import cut, generator
 from pipelines.learning.speed.weight_average import WeightAverage
 from pipelines.runtime.batch import StageReport
 from pipelines.runtime.stopping import StopReason, StopSignals, TrainingStopped
@@ -78,14 +78,14 @@ class TrainingRun:
         self.parameters = [p for p in self.module.parameters() if p.requires_grad]
         self.optimizer = torch.optim.Adam(self.parameters, lr=config.learning_rate)
         self.average = WeightAverage(self.module, config.ema_decay)
-        self.keeper = Keeper(trainee, self.optimizer, self.average, output, stamp, metadata)
+        self.files = RunFiles(trainee, self.optimizer, self.average, output, stamp, metadata)
         self.progress = Progress()
         self.signals = StopSignals()
         self._losses: Losses = {}
 
     def resume(self) -> None:
         """Restore the state of the checkpoint."""
-        self.progress = self.keeper.restore()
+        self.progress = self.files.restore()
 
     def report(self, started: float, *, resumes: bool) -> StageReport:
         """Train, from the checkpoint if it `resumes`; return the report of the stage.
@@ -107,7 +107,7 @@ class TrainingRun:
         """
         self.processes.wait()  # no process writes before all have read
         self._steps_before = self.progress.total_steps
-        self._began = self.keeper.saved = self._logged = time.monotonic()
+        self._began = self.files.saved = self._logged = time.monotonic()
         with ExitStack() as stack:
             stack.enter_context(self.signals.recorded(expects_repeats=self.processes.count > 1))
             with self.signals.ending_at_once():  # before the first step nothing is lost
@@ -120,7 +120,7 @@ class TrainingRun:
                 reason, is_saved = self._run_epoch(workers), True
         self.progress.finished = self.progress.epoch >= self.config.epochs
         if self.progress.finished and self.processes.is_first:
-            self.keeper.finish(self.progress)
+            self.files.finish(self.progress)
         if self.progress.finished or not is_saved:
             self._save_checkpoint()
         if reason > StopReason.TIME_LIMIT and not self.progress.finished:
@@ -161,15 +161,15 @@ class TrainingRun:
         self.module.train()
 
         def load(step: int) -> list[Loaded]:
-            pieces = cut(batches[step], self.trainee.micro_batch_size, self.processes)
-            return [(piece, piece.load(self.trainee, seed, epoch, step)) for piece in pieces]
+            planned = micro_batches_of(batches[step], self.trainee.micro_batch_size, self.processes)
+            return [(each, each.load(self.trainee, seed, epoch, step)) for each in planned]
 
         reason = StopReason.NONE
         loaded = load_ahead(load, remaining, self.request.loaders, self._stop_alone())
-        for step, pieces in zip(remaining, loaded, strict=False):  # fewer if the run stops
+        for step, micro_batches in zip(remaining, loaded, strict=False):  # fewer if the run stops
             self._set_learning_rate(epoch + step / len(batches))
             try:
-                self._step(workers, pieces)
+                self._step(workers, micro_batches)
             except StepAbandoned:
                 reason = self._why_stop()
                 break
@@ -229,7 +229,7 @@ class TrainingRun:
 
     def _validate(self, *, whole_epoch: bool) -> None:
         if self.writer is not None:  # the other processes wait for the next step of the first
-            figures, judged = self._judged()
+            figures, weights = self._figures_and_weights()
         if whole_epoch:
             self.progress.epoch, self.progress.step = self.progress.epoch + 1, 0
         if self.writer is None:
@@ -237,13 +237,13 @@ class TrainingRun:
         steps = self.progress.total_steps
         self.progress.history.add_figures(steps, figures)
         # The module has its own weights again, so that this may write a checkpoint.
-        self.keeper.judge(figures, judged, self.progress, whole_epoch=whole_epoch)
+        self.files.keep_if_best(figures, weights, self.progress, whole_epoch=whole_epoch)
         for name, figure in figures.items():
             self.writer.add_scalar(f"val/{name}", figure, steps)
         text = ", ".join(f"{name} {figure:.4g}" for name, figure in figures.items())
         self.display.say(f"validation after {steps} steps: {text}")
 
-    def _judged(self) -> tuple[dict[str, float], dict[str, torch.Tensor]]:
+    def _figures_and_weights(self) -> tuple[dict[str, float], dict[str, torch.Tensor]]:
         """Return the figures of the mean weights, and the mean weights at this step."""
         with self.signals.ending_at_once(), self.average.applied():
             self.module.eval()
@@ -260,7 +260,7 @@ class TrainingRun:
             self._logged = now
             for name, value in self._losses.items():
                 self.writer.add_scalar(f"train/{name}", value, progress.total_steps)
-        if now - self.keeper.saved > CHECKPOINT_SECONDS:
+        if now - self.files.saved > CHECKPOINT_SECONDS:
             self._save_checkpoint()
 
     def _seconds_left(self, steps_an_epoch: int) -> float:
@@ -273,7 +273,7 @@ class TrainingRun:
 
     def _save_checkpoint(self) -> None:
         if self.processes.is_first:
-            self.keeper.save_checkpoint(self.progress)
+            self.files.save_checkpoint(self.progress)
 
     def _elapsed(self) -> float:
         return time.monotonic() - self._began

@@ -138,5 +138,5 @@ class GGCNNTraining(PeerTraining):
     @torch.no_grad()
     def validate(self) -> dict[str, float]:
         """Return the loss on the middle crops of at most `max_val_frames` validation frames."""
-        crops = (stacked([middle_crop(frame)]) for frame in self.judged_frames())
+        crops = (stacked([middle_crop(frame)]) for frame in self.validation_frames())
         return mean_figures([map_errors(self.module, each, self.device) for each in crops])

@@ -121,6 +121,6 @@ class GraspNetTraining(PeerTraining):
         count = GRASPNET_SIZES[self.config.network.variant].input
         clouds = (
             labelled_scene(frame, count, np.random.default_rng(0), 0.0)
-            for frame in self.judged_frames()
+            for frame in self.validation_frames()
         )
         return mean_figures([mean_terms(self.module, [each], self.device) for each in clouds])

@@ -150,7 +150,7 @@ class MultiGraspTraining(PeerTraining):
     def validate(self) -> dict[str, float]:
         """Return the share of hits among each frame's best grasps, and among first grasps."""
         hits, first = [], []
-        for frame in self.judged_frames():
+        for frame in self.validation_frames():
             (found,) = self.module([rgd_tensor(frame["pixels"]).to(self.device)])
             rows = found_rows(found)[:FIRST]
             right = rectangle_hits(rows, frame["rows"].astype(np.float64))

@@ -23,8 +23,8 @@ from pipelines.learning.detector.detector_training import spread
 from pipelines.learning.loop.faults import Fault, numbered, unnumbered
 from pipelines.learning.loop.loaders import epoch_batches
 from pipelines.learning.loop.trainee import MicroBatch
+from pipelines.learning.speed.micro_batches import micro_batch_size
 from pipelines.learning.speed.processes import Processes
-from pipelines.learning.speed.shares import micro_batch_size
 from pipelines.storage.h5_columns import check_version
 from pipelines.storage.h5_files import new_h5, open_h5
 from pipelines.storage.provenance import Stamp
@@ -225,7 +225,7 @@ class PeerTraining(ABC):
         """Return the arrays of the training frame `number`."""
         return read_peer_frame(*self.frames.train[number])
 
-    def judged_frames(self) -> list[Arrays]:
+    def validation_frames(self) -> list[Arrays]:
         """Return at most `max_val_frames` validation frames, evenly spread."""
         return [
             read_peer_frame(*key) for key in spread(self.frames.val, self.config.max_val_frames)

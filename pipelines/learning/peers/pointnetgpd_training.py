@@ -117,7 +117,7 @@ class PointNetGPDTraining(PeerTraining):
     def validate(self) -> dict[str, float]:
         """Return loss, accuracy, and precision and recall of good hands on validation frames."""
         losses, found, true = [], [], []
-        for number, frame in enumerate(self.judged_frames()):
+        for number, frame in enumerate(self.validation_frames()):
             crops = drawn_crops(frame, self.num_points, np.random.default_rng(number))
             loss, scores = class_loss(self.module, crops, self.device)
             losses.append(float(loss))

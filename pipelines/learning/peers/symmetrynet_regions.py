@@ -35,7 +35,7 @@ YIQ = np.array([LUMA, [0.596, -0.274, -0.322], [0.211, -0.523, 0.312]])
 
 
 @dataclass(frozen=True)
-class SeenRegion:
+class LabelledCrop:
     """A region in one frame: its crop, its points (n, 3) in metres, its true symmetries.
 
     Attributes:
@@ -51,19 +51,19 @@ class SeenRegion:
     direction: Singles
 
     @property
-    def mirrored(self) -> "SeenRegion":
+    def mirrored(self) -> "LabelledCrop":
         """The region in the mirror image of the frame."""
         flip = np.array([-1.0, 1.0, 1.0], np.float32)
         pixels = self.crop.pixels.copy()
         pixels[:, 0] = CROP_SIDE - 1 - pixels[:, 0]
         crop = RegionCrop(self.crop.image[:, ::-1], self.crop.mask[:, ::-1], pixels)
         parts = [each * flip for each in (self.points, self.place, self.direction)]
-        return SeenRegion(crop, parts[0], self.existence, *parts[1:])
+        return LabelledCrop(crop, parts[0], self.existence, *parts[1:])
 
 
 @dataclass(frozen=True)
 class RegionCrops:
-    """B regions of a training step, N points each; `place` and `direction` as in `SeenRegion`.
+    """B regions of a training step, N points each; `place` and `direction` as in `LabelledCrop`.
 
     Attributes:
         image: (B, S, S, 3) uint8.
@@ -112,11 +112,11 @@ def symmetrynet_frame(
             for each in (slots.probability, slots.point, slots.direction)
         )
         crop = region_crop(frame.color, cloud.mask, pixels)
-        regions.append(SeenRegion(crop, cloud.points.astype(np.float32), *truth))
+        regions.append(LabelledCrop(crop, cloud.points.astype(np.float32), *truth))
     return stored(regions)
 
 
-def stored(regions: Sequence[SeenRegion]) -> Arrays:
+def stored(regions: Sequence[LabelledCrop]) -> Arrays:
     """Return regions as the arrays of `symmetrynet_frame`."""
     quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
     jpegs = [cv2.imencode(".jpg", each.crop.image[..., ::-1], quality)[1] for each in regions]
@@ -141,7 +141,7 @@ def stored(regions: Sequence[SeenRegion]) -> Arrays:
     }
 
 
-def restored(arrays: Arrays) -> list[SeenRegion]:
+def restored(arrays: Arrays) -> list[LabelledCrop]:
     """Return the regions of the arrays of `symmetrynet_frame`."""
     regions = []
     jpegs = np.split(arrays["jpeg"], arrays["jpeg_end"][:-1])
@@ -154,18 +154,18 @@ def restored(arrays: Arrays) -> list[SeenRegion]:
         crop = RegionCrop(np.ascontiguousarray(image), mask, pixels[number])
         metres = (points[number] / UNITS).astype(np.float32)
         truth = (existence, arrays["place"][number], arrays["direction"][number])
-        regions.append(SeenRegion(crop, metres, *truth))
+        regions.append(LabelledCrop(crop, metres, *truth))
     return regions
 
 
 @lru_cache(maxsize=KEPT)
-def read_regions(path: Path, row: int) -> list[SeenRegion]:
+def read_regions(path: Path, row: int) -> list[LabelledCrop]:
     """Read the regions of a frame; they are shared and must not be changed."""
     return restored(read_peer_frame(path, row))
 
 
 def drawn_region(
-    region: SeenRegion, foreign: Sequence[SeenRegion], count: int, rng: np.random.Generator
+    region: LabelledCrop, foreign: Sequence[LabelledCrop], count: int, rng: np.random.Generator
 ) -> tuple[NDArray[Any], ...]:
     """Return a region for a training step, in the order of `RegionCrops`.
 
@@ -181,7 +181,7 @@ def drawn_region(
     return region.crop.image, _jitter(region.crop.image, rng), pixels, points, *truth
 
 
-def plain_region(region: SeenRegion, count: int) -> tuple[NDArray[Any], ...]:
+def plain_region(region: LabelledCrop, count: int) -> tuple[NDArray[Any], ...]:
     """Return a region unchanged, in the order of `RegionCrops`."""
     points, pixels = _some(region, count, np.random.default_rng(0))
     unchanged = np.eye(3, 4, dtype=np.float32)
@@ -195,7 +195,7 @@ def stacked_regions(regions: Sequence[tuple[NDArray[Any], ...]]) -> RegionCrops:
     return RegionCrops(*columns)
 
 
-def covered(region: SeenRegion, other: SeenRegion, rng: np.random.Generator) -> SeenRegion:
+def covered(region: LabelledCrop, other: LabelledCrop, rng: np.random.Generator) -> LabelledCrop:
     """Return `region` with the instance `other` pasted in front at a random place of its crop.
 
     It stays unchanged if the instance would leave less than `LEAST_LEFT` of the points.
@@ -223,7 +223,7 @@ def _overlap(shift: int) -> tuple[slice, slice]:
 
 
 def _some(
-    region: SeenRegion, count: int, rng: np.random.Generator
+    region: LabelledCrop, count: int, rng: np.random.Generator
 ) -> tuple[Singles, NDArray[np.uint8]]:
     """Return `count` points of a region and their pixels, some twice if there are fewer."""
     chosen = rng.permutation(len(region.points))[:count]

@@ -16,8 +16,8 @@ from pipelines.learning.detector.detector_training import spread
 from pipelines.learning.peers.peer import Drawn, Peer, PeerTraining, drawn_batches, mean_figures
 from pipelines.learning.peers.symmetrynet_regions import (
     NUM_PASTED,
+    LabelledCrop,
     RegionCrops,
-    SeenRegion,
     drawn_region,
     plain_region,
     read_regions,
@@ -157,12 +157,12 @@ class SymmetryNetTraining(PeerTraining):
         return stacked_regions([self._example(region, rng) for region, rng in drawn])
 
     def _example(
-        self, region: SeenRegion, rng: np.random.Generator
+        self, region: LabelledCrop, rng: np.random.Generator
     ) -> tuple[NDArray[np.generic], ...]:
         others = rng.integers(len(self.regions), size=NUM_PASTED).tolist()
         return drawn_region(region, [self.source(each) for each in others], self.num_points, rng)
 
-    def source(self, number: int) -> SeenRegion:
+    def source(self, number: int) -> LabelledCrop:
         """Return the training region `number`."""
         frame, row = self.regions[number]
         return read_regions(*self.frames.train[frame])[row]
@@ -170,10 +170,10 @@ class SymmetryNetTraining(PeerTraining):
     @torch.no_grad()
     def validate(self) -> dict[str, float]:
         """Return the loss terms on the regions of the validation frames, unchanged."""
-        judged = self._judged()
+        judged = self._validation_regions()
         return mean_figures([symmetry_terms(self.module, each, self.device) for each in judged])
 
-    def _judged(self) -> Iterator[RegionCrops]:
+    def _validation_regions(self) -> Iterator[RegionCrops]:
         keys = spread(self.frames.val, self.config.max_val_frames)
         regions = [each for key in keys for each in read_regions(*key)]
         for start in range(0, len(regions), JUDGED_TOGETHER):

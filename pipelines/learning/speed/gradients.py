@@ -20,12 +20,12 @@ import torch
 from torch import Tensor, nn
 
 from pipelines.learning.loop.trainee import MicroBatch, Trainee
+from pipelines.learning.speed.micro_batches import PlannedMicroBatch, generator
 from pipelines.learning.speed.processes import Processes
-from pipelines.learning.speed.shares import Piece, generator
 
 Gradients = list[Tensor]
 Losses = dict[str, float]
-Loaded = tuple[Piece, MicroBatch]
+Loaded = tuple[PlannedMicroBatch, MicroBatch]
 
 
 @contextmanager
@@ -101,7 +101,7 @@ class GradientWorkers:
             losses = {name: value + more_losses[name] for name, value in losses.items()}
             for each, added in zip(total, more, strict=True):
                 each.add_(added)
-        self._buffers = self._mean_buffers(copies, [piece.share for piece, _ in loaded])
+        self._buffers = self._mean_buffers(copies, [planned.share for planned, _ in loaded])
         self.processes.add_up([*total, *(mean for _, mean in self._buffers)])
         terms = torch.tensor(list(losses.values()), dtype=torch.float64)
         self.processes.add_up([terms])
@@ -120,16 +120,16 @@ class GradientWorkers:
     def _work(
         self, module: nn.Module, loaded: Loaded, place: tuple[int, ...]
     ) -> tuple[Losses, Gradients]:
-        (piece, micro_batch), (seed, epoch, step) = loaded, place
-        drawing = torch.Generator().manual_seed(loss_seed(seed, epoch, step, piece.number))
+        (planned, micro_batch), (seed, epoch, step) = loaded, place
+        drawing = torch.Generator().manual_seed(loss_seed(seed, epoch, step, planned.number))
         terms = self.trainee.loss(module, micro_batch, drawing)
-        total = terms["total"] * piece.share
+        total = terms["total"] * planned.share
         gradients = torch.autograd.grad(total, self.parameters, allow_unused=True)
         filled = [
             torch.zeros_like(parameter) if gradient is None else gradient
             for gradient, parameter in zip(gradients, self.parameters, strict=True)
         ]
-        values = torch.stack([term.detach().double() for term in terms.values()]) * piece.share
+        values = torch.stack([term.detach().double() for term in terms.values()]) * planned.share
         return dict(zip(terms, values.tolist(), strict=True)), filled
 
     @torch.no_grad()

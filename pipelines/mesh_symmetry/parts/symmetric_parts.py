@@ -48,6 +48,8 @@ COARSE_SEARCH = {
 
 @dataclass(frozen=True)
 class _Piece:
+    """A part of an object: its samples and its symmetries."""
+
     members: Mask  # (m,) samples
     symmetries: list[Symmetry]
     is_body: bool = False
@@ -149,8 +151,8 @@ def _convex_pieces(search: PartSymmetries, members: Mask) -> list[_Piece]:
         piece = search.parts.clusters(owner == index)[0]
         seen = search.parts.smooth_border(piece) <= MAX_SMOOTH_BORDER
         # A region consists of triangles; if they are large, a piece may get very few.
-        stands_for = search.parts.on_triangles(piece)
-        if not seen or not all(_is_graspable(search, part) for part in (piece, stands_for)):
+        represented = search.parts.on_triangles(piece)
+        if not seen or not all(_is_graspable(search, part) for part in (piece, represented)):
             continue
         found = search.part(piece)
         if has_slot(found):

@@ -27,7 +27,7 @@ def camera_folder(sensor: str) -> str:
 
 
 def sensor_intrinsics(sensor: str, width: int, height: int) -> Intrinsics:
-    """Return the lens of `sensor` at another image size, with the same horizontal field of view."""
+    """Return the intrinsics of `sensor` at another size; the horizontal field of view stays."""
     fx, fy, cx, cy = LENSES[camera_folder(sensor)]
     scale = width / 1280
     return Intrinsics(
@@ -52,14 +52,14 @@ def look_at(eye: ArrayLike, target: ArrayLike, roll: float = 0.0) -> Array:
 def drawn_viewpoints(
     centre: ArrayLike,  # metres, table frame
     count: int,
-    lens: Intrinsics,
+    intrinsics: Intrinsics,
     rng: np.random.Generator,
     arc: tuple[float, float] | None = None,  # azimuth's middle, half width, radians; None: all
     elevations: tuple[float, float] | None = None,  # lowest, highest, radians; None: `ELEVATIONS`
 ) -> Array:
     """Return poses T_table_cam (count, 4, 4) spread around `centre` (3,), all above it."""
     # A camera with a long lens is farther away, so that it sees an equal part of the table.
-    near, far = np.array(DISTANCES) * np.clip(lens.fx / lens.width / 0.7, 0.7, 1.3)
+    near, far = np.array(DISTANCES) * np.clip(intrinsics.fx / intrinsics.width / 0.7, 0.7, 1.3)
     shares = (np.arange(count) + 0.5) / count
     azimuths = rng.uniform(0, 2 * np.pi) + 2 * np.pi * shares
     if arc is not None:

@@ -13,14 +13,15 @@ DEEPEST = 0.8  # of the distance from camera to table, so that the hand stays ab
 ARM_LENGTH = 0.6  # metres, long enough to leave the image
 
 
-def drawn_hand(lens: Intrinsics, T_world_cam: Array, rng: np.random.Generator) -> Mesh:
+def drawn_hand(intrinsics: Intrinsics, T_world_cam: Array, rng: np.random.Generator) -> Mesh:
     """Return a random hand with an arm that leaves the image; camera frame.
 
     `T_world_cam`: (4, 4); the table is z = 0 of the world.
     """
-    border, inward = _border(lens, rng)
-    tip = border + inward * rng.uniform(0.08, 0.4) * np.array([lens.width, lens.height])
-    ray = np.array([(tip[0] - lens.cx) / lens.fx, (tip[1] - lens.cy) / lens.fy, 1.0])
+    border, inward = _border(intrinsics, rng)
+    size = np.array([intrinsics.width, intrinsics.height])
+    tip = border + inward * rng.uniform(0.08, 0.4) * size
+    ray = intrinsics.points_at(tip[None], np.ones(1))[0]
     down = float(T_world_cam[2, :3] @ ray)
     table = -float(T_world_cam[2, 3]) / down if down < -1e-6 else 2.0
     place = ray * max(0.15, min(table, 2.0) * rng.uniform(0.35, DEEPEST))
@@ -32,10 +33,10 @@ def drawn_hand(lens: Intrinsics, T_world_cam: Array, rng: np.random.Generator) -
     return Mesh.concatenate([hull_of_points(transform_points(pose, part)) for part in parts])
 
 
-def _border(lens: Intrinsics, rng: np.random.Generator) -> tuple[Array, Array]:
+def _border(intrinsics: Intrinsics, rng: np.random.Generator) -> tuple[Array, Array]:
     """Return a pixel (2,) of the picture's border and the direction (2,) inward."""
     along, side = rng.uniform(0.1, 0.9), int(rng.integers(4))
-    size = np.array([lens.width, lens.height], np.float64)
+    size = np.array([intrinsics.width, intrinsics.height], np.float64)
     axis, far = side % 2, side // 2
     pixel, inward = size * along, np.zeros(2)
     pixel[axis], inward[axis] = far * size[axis], 1.0 - 2.0 * far

@@ -11,7 +11,7 @@ from pipelines.configs import TrainCriticConfig
 from pipelines.errors import ValueRangeError
 from pipelines.learning.critics.critic_training import CriticTraining, batch_loss, choice_loss
 from pipelines.learning.critics.kinds import CRITIC_KINDS
-from pipelines.learning.speed.shares import generator
+from pipelines.learning.speed.micro_batches import generator
 from tests.learning.critics.rows import made_rows
 
 CONFIG = TrainCriticConfig(batch_size=100, jitter=0.0, dropout=0.0, learning_rate=0.003)

@@ -13,8 +13,8 @@ from pipelines.learning.grasp_network.grasp_training import GraspTraining
 from pipelines.learning.grasp_network.region_sources import RegionSet, TrainingRegions, packed_items
 from pipelines.learning.loop.faults import save_fault
 from pipelines.learning.speed.gradients import GradientWorkers
+from pipelines.learning.speed.micro_batches import micro_batches_of
 from pipelines.learning.speed.processes import Processes
-from pipelines.learning.speed.shares import cut
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.storage.provenance import make_stamp
 from tests.learning.packed_toys import CONFIG, write_packed
@@ -38,7 +38,7 @@ def generators(count):
 
 
 def test_micro_batches_divide_the_batch(regions):
-    pieces = cut(np.arange(5), training(regions).micro_batch_size, Processes())
+    pieces = micro_batches_of(np.arange(5), training(regions).micro_batch_size, Processes())
     assert [len(piece.items) for piece in pieces] == [3, 2]
     assert [piece.first for piece in pieces] == [0, 3]
     assert sum(piece.share for piece in pieces) == pytest.approx(1.0)
@@ -62,7 +62,7 @@ def test_big_and_accumulated_batches_have_the_same_gradient(regions):
         trainee.loss = lambda module, batch, generator, own_loss=own_loss: own_loss(
             module.eval(), batch, generator
         )
-        pieces = cut(packed_items(np.arange(6)), size, Processes())
+        pieces = micro_batches_of(packed_items(np.arange(6)), size, Processes())
         loaded = [(piece, piece.load(trainee, 0, 0, 0)) for piece in pieces]
         with GradientWorkers(trainee, 1) as workers:
             results[size] = workers.gradients(loaded, (0, 0, 0))

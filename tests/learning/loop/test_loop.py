@@ -34,8 +34,8 @@ from pipelines.learning.loop.runs import (
     find_progress,
 )
 from pipelines.learning.speed.gradients import GradientWorkers
+from pipelines.learning.speed.micro_batches import generator, micro_batches_of
 from pipelines.learning.speed.processes import Processes
-from pipelines.learning.speed.shares import cut, generator
 from pipelines.runtime.stopping import StopReason, StopSignals, TrainingStopped
 from pipelines.storage.checkpoints import load_weights
 from pipelines.storage.provenance import make_stamp
@@ -198,8 +198,8 @@ def kill_at(run, moment):
         return wrapped
 
     run._step = dying(run._step)
-    run.keeper._write = dying(run.keeper._write)
-    run.keeper.save_checkpoint = dying(run.keeper.save_checkpoint)
+    run.files._write = dying(run.files._write)
+    run.files.save_checkpoint = dying(run.files.save_checkpoint)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
@@ -403,10 +403,10 @@ def test_accumulated_gradients_are_those_of_the_whole_batch(size):
 
     trainee = Plain()
     batch = trainee.epoch(0, generator(0, 0))[0]
-    loaded = [(p, p.load(trainee, 0, 0, 0)) for p in cut(batch, size, Processes())]
+    loaded = [(p, p.load(trainee, 0, 0, 0)) for p in micro_batches_of(batch, size, Processes())]
     with GradientWorkers(trainee, 1) as workers:
         losses, gradients = workers.gradients(loaded, (0, 0, 0))
-    (whole,) = cut(batch, 8, Processes())
+    (whole,) = micro_batches_of(batch, 8, Processes())
     terms = trainee.loss(trainee.module, whole.load(trainee, 0, 0, 0), None)
     expected = torch.autograd.grad(terms["total"], list(trainee.module.parameters()))
     assert losses["total"] == pytest.approx(float(terms["total"].detach()), rel=1e-5)

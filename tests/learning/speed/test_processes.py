@@ -15,8 +15,8 @@ from pipelines.configs import TrainConfig
 from pipelines.ending import signal_handlers_kept
 from pipelines.errors import ValueRangeError
 from pipelines.learning.loop.runs import CHECKPOINT, RunRequest, file_of_run
+from pipelines.learning.speed.micro_batches import micro_batch_size, micro_batches_of
 from pipelines.learning.speed.processes import Processes, process_group
-from pipelines.learning.speed.shares import cut, micro_batch_size
 from pipelines.storage.checkpoints import load_weights
 from tests.learning.packed_toys import CONFIG, write_packed
 
@@ -80,16 +80,18 @@ def test_one_gpu_is_not_given_to_several_processes(monkeypatch):
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 def test_processes_share_a_batch_without_remainder(count):
-    shares = [cut(list(range(10)), 3, Processes(rank, count)) for rank in range(count)]
+    shares = [micro_batches_of(list(range(10)), 3, Processes(rank, count)) for rank in range(count)]
     pieces = [piece for each in shares for piece in each if piece.share]
     assert sorted(item for piece in pieces for item in piece.items) == list(range(10))
     assert sum(piece.share for piece in pieces) == pytest.approx(1.0)
-    alone = {piece.number: piece.items for piece in cut(list(range(10)), 3, Processes())}
+    alone = {
+        piece.number: piece.items for piece in micro_batches_of(list(range(10)), 3, Processes())
+    }
     assert {piece.number: piece.items for piece in pieces} == alone
 
 
 def test_a_process_without_a_part_of_a_short_batch_adds_nothing():
-    (idle,) = cut([0, 1], 2, Processes(1, 2))
+    (idle,) = micro_batches_of([0, 1], 2, Processes(1, 2))
     assert idle.share == 0.0
 
 

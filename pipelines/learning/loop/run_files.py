@@ -31,7 +31,7 @@ from pipelines.storage.checkpoints import (
 from pipelines.storage.provenance import Stamp
 
 
-class Keeper:
+class RunFiles:
     """Writes the files of a training and restores its state."""
 
     def __init__(
@@ -73,7 +73,7 @@ class Keeper:
         state = TrainingState(model, self.optimizer.state_dict(), asdict(progress))
         save_training(file_of_run(self.output, CHECKPOINT), state, self.stamp)
 
-    def judge(
+    def keep_if_best(
         self,
         figures: dict[str, float],
         weights: dict[str, Tensor],

@@ -17,13 +17,13 @@ TRAINING = 1_000_003  # separates trainings from datasets that draw from the sam
 
 
 @dataclass(frozen=True)
-class Piece:
+class PlannedMicroBatch:
     """One micro-batch of a batch, not loaded yet."""
 
     number: int  # index among the batch's micro-batches
     first: int  # position of its first item in the batch
     items: Items  # in the trainee's form
-    share: float  # share of the batch's gradient; 0 for a piece that only fills up a process
+    share: float  # share of the batch's gradient; 0 where it only fills up a process
 
     def load(self, trainee: Trainee, seed: int, epoch: int, step: int) -> MicroBatch:
         """Load the items, each with the generator of its place in the batch."""
@@ -32,17 +32,17 @@ class Piece:
         return trainee.load(self.items, drawing)
 
 
-def cut(batch: Items, size: int, processes: Processes) -> list[Piece]:
+def micro_batches_of(batch: Items, size: int, processes: Processes) -> list[PlannedMicroBatch]:
     """Return this process's micro-batches of `batch`, at least one."""
     starts = range(0, len(batch), size)
     parts = [batch[first : first + size] for first in starts]
-    pieces = [
-        Piece(number, first, part, len(part) / len(batch))
+    planned = [
+        PlannedMicroBatch(number, first, part, len(part) / len(batch))
         for number, (first, part) in enumerate(zip(starts, parts, strict=True))
     ]
-    own = pieces[processes.rank :: processes.count]
-    # An epoch smaller than a batch may leave a process without a piece: its piece has no weight.
-    return own or [replace(pieces[0], share=0.0)]
+    own = planned[processes.rank :: processes.count]
+    # An epoch smaller than a batch may leave a process without one: it takes one without weight.
+    return own or [replace(planned[0], share=0.0)]
 
 
 def micro_batch_size(
@@ -60,11 +60,11 @@ def micro_batch_size(
     """
     wanted = config.micro_batch_size or on_cpu or -(-config.batch_size // processes.count)
     size = min(wanted, config.batch_size)
-    pieces = -(-config.batch_size // size)
-    if pieces % processes.count:
+    count = -(-config.batch_size // size)
+    if count % processes.count:
         raise ValueRangeError(
             f"number of micro-batches of {size} in a batch of {config.batch_size}",
-            pieces,
+            count,
             f"a multiple of the {processes.count} processes; change --batch-size or --micro-batch",
         )
     return size

@@ -24,7 +24,7 @@ ENCLOSED = 0.5  # least share of the surface in the surroundings of an object
 # 35 real frames have 0.33 to 0.98; the same frames as inverse depth have 1.02 to 3.1.
 FLATTER, AS_FLAT = 1.3, 1.0
 PITS, MANY_PITS = 0.01, 0.05  # shares of the image; in the same frames at most 0.043
-PITS_TO_THINGS = 5.0
+PITS_TO_OBJECTS = 5.0
 LIKELY_SIZES = (0.015, 0.4)  # m, of the median object; in the same frames 0.056 to 0.23
 LOOKS_INVERSE = (
     "the depth looks like inverse depth or disparity: flat surfaces are flat in its numbers, not "
@@ -50,8 +50,8 @@ class _Surface:
 
 
 @dataclass(frozen=True)
-class _Shape:
-    """Depth (H, W), thinned to about `WIDTH` columns, nan where missing; metres."""
+class _ThinnedDepth:
+    """Depth (H, W) of about `WIDTH` columns, nan where missing; metres, or any unit."""
 
     depth: Values
 
@@ -66,7 +66,7 @@ class _Shape:
         enough = np.count_nonzero(np.isfinite(self.depth)) >= FEWEST
         return _flat_surface(self.inverse) if enough else None
 
-    def things(self, over: Values) -> list[NDArray[np.bool_]]:
+    def objects(self, over: Values) -> list[NDArray[np.bool_]]:
         """Return masks of the objects: parts of `over` above `OFF_SURFACE`, within the surface."""
         count, labels, boxes, _ = cv2.connectedComponentsWithStats(
             (over > OFF_SURFACE).astype(np.uint8), connectivity=4
@@ -91,15 +91,15 @@ def depth_oddities(depth: NDArray[np.float32], focal_length: float) -> list[str]
 
     Each reason is a sentence; `focal_length` is in pixels.
     """
-    shape = _thinned(depth)
-    found = _steps(shape.depth)
-    if shape.surface is None:
+    thinned = _thinned(depth)
+    found = _steps(thinned.depth)
+    if thinned.surface is None:
         return found
-    if (swapped := _swapped(shape)) is not None:
+    if (swapped := _swapped(thinned)) is not None:
         return [*found, swapped]
     metres = max(1, round(depth.shape[1] / WIDTH)) / focal_length  # width of a pixel at one metre
-    things = shape.things(shape.surface.over(shape.inverse))
-    sizes = [np.sqrt(mask.sum()) * metres * np.nanmedian(shape.depth[mask]) for mask in things]
+    objects = thinned.objects(thinned.surface.over(thinned.inverse))
+    sizes = [np.sqrt(mask.sum()) * metres * np.nanmedian(thinned.depth[mask]) for mask in objects]
     size = float(np.median(sizes)) if sizes else LIKELY_SIZES[0]
     if not LIKELY_SIZES[0] <= size <= LIKELY_SIZES[1]:
         found.append(
@@ -114,23 +114,23 @@ def is_inverse(depth: NDArray[np.float32]) -> bool:
     return _swapped(_thinned(depth)) == LOOKS_INVERSE
 
 
-def _thinned(depth: NDArray[np.float32]) -> _Shape:
+def _thinned(depth: NDArray[np.float32]) -> _ThinnedDepth:
     step = max(1, round(depth.shape[1] / WIDTH))
-    thinned = depth[::step, ::step].astype(np.float64)
-    thinned[thinned <= 0] = np.nan
-    return _Shape(thinned)
+    kept = depth[::step, ::step].astype(np.float64)
+    kept[kept <= 0] = np.nan
+    return _ThinnedDepth(kept)
 
 
-def _swapped(shape: _Shape) -> str | None:
+def _swapped(thinned: _ThinnedDepth) -> str | None:
     """Return a sentence if near and far are swapped."""
-    if shape.surface is None:
+    if thinned.surface is None:
         return None
-    over = shape.surface.over(shape.inverse)
-    above, below = (sum(int(m.sum()) for m in shape.things(sign * over)) for sign in (1.0, -1.0))
-    direct = _flat_surface(shape.depth / np.nanmedian(shape.depth))
-    flatness = 0.0 if direct is None else direct.share / shape.surface.share
-    measured = np.count_nonzero(np.isfinite(shape.depth))
-    is_below = below > PITS_TO_THINGS * above and below > PITS * measured
+    over = thinned.surface.over(thinned.inverse)
+    above, below = (sum(int(m.sum()) for m in thinned.objects(sign * over)) for sign in (1.0, -1.0))
+    direct = _flat_surface(thinned.depth / np.nanmedian(thinned.depth))
+    flatness = 0.0 if direct is None else direct.share / thinned.surface.share
+    measured = np.count_nonzero(np.isfinite(thinned.depth))
+    is_below = below > PITS_TO_OBJECTS * above and below > PITS * measured
     if flatness > FLATTER or (flatness > AS_FLAT and is_below):
         return LOOKS_INVERSE
     return SWAPPED if is_below and below > MANY_PITS * measured else None

@@ -7,7 +7,7 @@ import pytest
 
 from pipelines.errors import FormatError
 from pipelines.frames.camera_files import parse_camera
-from pipelines.frames.depth_sense import LOOKS_INVERSE, SWAPPED, depth_oddities
+from pipelines.frames.depth_checks import LOOKS_INVERSE, SWAPPED, depth_oddities
 from pipelines.frames.frames import find_frames
 from pipelines.frames.rgbd import DepthUnits, read_depth
 from pipelines.frames.rgbd_folder import FrameOptions

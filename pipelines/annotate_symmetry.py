@@ -19,7 +19,6 @@ from pipelines.annotation import jobs
 from pipelines.annotation.extras import AnnotationExtras, write_extras
 from pipelines.annotation.objects import annotate, correct
 from pipelines.configs import AnnotateSymmetryConfig
-from pipelines.dataset.meshes import read_mesh
 from pipelines.dataset.symmetry import bop_models_info, symmetry_edits, symmetry_labels
 from pipelines.dataset.symmetry.symmetry_edits import ObjectEdits
 from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries
@@ -27,6 +26,7 @@ from pipelines.errors import SymgraspError
 from pipelines.mesh_symmetry.parts.symmetric_parts import has_slot
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
+from pipelines.storage.files import refuse_file_as_folder
 
 
 @one_run_at_a_time(jobs.STAGE, "output_dir", "source")
@@ -37,13 +37,20 @@ def run(
     *,
     extras: AnnotationExtras | None = None,
     seed: int = 0,
+    mesh_scale: float | None = None,
     options: BatchOptions | None = None,
 ) -> StageReport:
-    """Annotate a dataset root in place, or a mesh or a folder of meshes into `output_dir`."""
+    """Annotate a dataset root in place, or a mesh or a folder of meshes into `output_dir`.
+
+    `mesh_scale`: metres per unit of the meshes; None is 1 and refuses implausibly large meshes.
+    """
     extras, options = extras or AnnotationExtras(), options or BatchOptions()
+    if extras.pictures is not None:
+        refuse_file_as_folder(extras.pictures)
     optional = jobs.OptionalInputs(
         edits={} if extras.edits is None else symmetry_edits.read(extras.edits),
         bop={} if extras.bop_symmetries is None else bop_models_info.read(extras.bop_symmetries),
+        scale=mesh_scale,
     )
     items = jobs.items_of(source, output_dir, config, seed, optional)
     bop = extras.bop_symmetries
@@ -58,7 +65,7 @@ def run(
     if bop is not None and missing:
         report.notes[bop.name] = f"has no entry of {', '.join(missing)}; detected symmetries stay"
     if not options.dry_run:
-        write_extras(report, items, extras, config, options)
+        write_extras(report, items, extras, options)
     return report
 
 
@@ -72,7 +79,7 @@ def annotate_file(item: WorkItem, config: AnnotateSymmetryConfig, seed: int) -> 
             f"{item.target} holds corrections by hand, which would be lost; "
             "pass them again with --edit, or delete the file"
         )
-    mesh, rng = read_mesh(job.mesh, config.mesh_scale), np.random.default_rng(seed)
+    mesh, rng = jobs.mesh_of(job), np.random.default_rng(seed)
     if job.edits is not None and jobs.is_to_correct(item):
         labels = symmetry_labels.read(item.target)
         labels, notes = correct(mesh, labels, job.edits, config, rng, job.regions)

@@ -34,6 +34,7 @@ from pipelines.storage import provenance
 from pipelines.storage.files import finite_json, write_json, write_text
 
 FORMAT_VERSION = 1
+JUDGED = {"grasps", "dump"}  # inputs that are evaluated, not labels to evaluate on
 # None of these affects our own row; `hands` is the name of the grasp critic's digest in 0.1.
 FOR_BASELINES = ("baselines", "seed", "affordance", "grasp_critic", "hands")
 SEEDED = ("simulate",)  # stages where the seed affects all rows: it cuts models into pieces
@@ -195,11 +196,11 @@ def _setting_notes(runs: Sequence[EvaluatedRun], row: str) -> list[str]:
         if changed:
             notes.append(f"{run.name} was evaluated with other settings: {', '.join(changed)}.")
         other = _differing(labels[0], labels[place])
-        if "grasps" not in other:
+        if not JUDGED.intersection(other):
             notes.append(f"{run.name} evaluates the same grasps as {runs[0].name}.")
         if "gripper" in other:
             notes.append(f"{run.name} was evaluated with another gripper.")
-        if other := [name for name in other if name not in ("grasps", "gripper")]:
+        if other := [name for name in other if name not in {*JUDGED, "gripper"}]:
             notes.append(f"{run.name} was evaluated on other labels: {', '.join(other)}.")
     return notes
 

@@ -77,10 +77,11 @@ def run(
     items = runs.items(records_folder(output), stamp, options)
     step = functools.partial(_evaluate_scene, dataset, config, baselines)
     report = run_batch("evaluate", items, step, options)
-    if not options.dry_run:
+    finished = [item.target for item in items if item.target.exists()]
+    if finished and not options.dry_run:
         report.notes |= write_report_files(
             output,
-            (read_frame_records(item.target) for item in items if item.target.exists()),
+            map(read_frame_records, finished),
             runs,
             config,
             stamp,

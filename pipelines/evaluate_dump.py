@@ -54,8 +54,9 @@ def run(
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another report
     drop_stale(items, options)
     report = run_batch(STAGE, items, functools.partial(_evaluate_scene, root, config), options)
-    if not options.dry_run:
-        tally = _tally([item for item in items if item.target.exists()], report)
+    finished = [item for item in items if item.target.exists()]
+    if finished and not options.dry_run:
+        tally = _tally(finished, report)
         more: dict[str, Any] = {"accuracy": tally.accuracy(), "scenes": tally.scenes}
         reports.write_report(
             output, tally.rows(), stamp, protocol=PROTOCOL, exact=config.exact, **more

@@ -27,7 +27,13 @@ from pipelines.dataset.training.region_frames import (
 from pipelines.errors import SymgraspError
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
-from pipelines.storage.files import atomic_path, real_path, within
+from pipelines.storage.files import (
+    atomic_path,
+    make_folder,
+    real_path,
+    refuse_file_as_folder,
+    within,
+)
 from pipelines.storage.provenance import is_finished, make_stamp
 
 STAGE = "export-coco"
@@ -46,6 +52,7 @@ def run(
 ) -> StageReport:
     """Export every scene of `split` (None: all), then join the scenes of each COCO split."""
     options = options or BatchOptions()
+    refuse_file_as_folder(output_dir)
     check_settings(config)
     root = GraspNetRoot.finished(source)
     scenes = root.chosen_scenes(camera, split)
@@ -155,7 +162,7 @@ def _scene_name(item: WorkItem) -> str:
 def _place(source: Path, target: Path, *, link: bool) -> None:
     """Copy or link `source` to `target`, atomically."""
     if link:
-        target.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(target.parent)
         target.unlink(missing_ok=True)
         target.symlink_to(real_path(source))
         return

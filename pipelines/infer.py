@@ -37,6 +37,7 @@ from pipelines.inference.run_settings import InferPaths, RunSettings, check_conf
 from pipelines.inference.side_by_side import load_in_workers, options_for_frames
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
+from pipelines.storage.files import refuse_file_as_folder
 from pipelines.storage.provenance import is_finished
 
 __all__ = ["InferPaths", "infer_frame", "overlay_path", "run"]
@@ -67,6 +68,8 @@ def run(
     """
     check_config(config)
     refuse_foreign_output(paths.output)
+    if paths.overlays is not None:
+        refuse_file_as_folder(paths.overlays)
     settings = RunSettings(paths, config, seed, device, timings)
     run = InferRun(settings, stated, choice)
     items = run.items(run.find())

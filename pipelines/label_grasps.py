@@ -31,9 +31,8 @@ from pipelines.dataset.graspnet.signed_distance import write_sdf
 from pipelines.dataset.meshes import (
     clean_mesh,
     find_meshes,
-    read_mesh,
+    read_own_mesh,
     read_solid_mesh,
-    refuse_too_large,
     smallness_warning,
     write_mesh,
 )
@@ -44,7 +43,7 @@ from pipelines.geometry.meshes.signed_distance import signed_distance_grid
 from pipelines.geometry.meshes.winding import turned_outward
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
-from pipelines.storage.files import atomic_folder, real_path
+from pipelines.storage.files import atomic_folder, make_folder, real_path, refuse_file_as_folder
 from pipelines.storage.provenance import (
     Stamp,
     digest_if_there,
@@ -97,15 +96,19 @@ def run(
     `sdf`: write textured.sdf too. `compress`: compress the labels.
     """
     options = options or BatchOptions()
+    refuse_file_as_folder(output)
     root = GraspNetRoot(output)
     in_place = (meshes / "models").is_dir() and real_path(meshes) == real_path(output)
-    if in_place and mesh_scale is not None:
-        raise ValueRangeError("--mesh-scale", mesh_scale, "left out for a root labelled in place")
+    if in_place and mesh_scale not in (None, 1.0):
+        expected = "1 or left out for a root labelled in place, whose models are in metres"
+        raise ValueRangeError("--mesh-scale", mesh_scale, expected)
     if not in_place:
         refuse_unfinished(meshes)
     sources = _sources(meshes, output)
     report = StageReport(STAGE)
     was_finished = not options.dry_run and mark_unfinished(output, STAGE)
+    if in_place and mesh_scale is None:
+        sources = _in_metres(report, sources)
     if not in_place:
         items = [_model_item(root, source, mesh_scale) for source in sources]
         sources = _run_step(report, sources, items, _write_model, options)
@@ -122,6 +125,16 @@ def run(
     if not options.dry_run and (not report.failed or (was_finished and not report.done)):
         mark_finished(output, STAGE)
     return report
+
+
+def _in_metres(report: StageReport, sources: Sequence[NumberedMesh]) -> list[NumberedMesh]:
+    """Return the models that are not too large for metres; the others fail."""
+    read = StageReport(STAGE)
+    for source in sources:
+        with read.attempting(source.title):
+            read_own_mesh(source.path, None)
+    report.failed |= read.failed
+    return [source for source in sources if source.title in read.done]
 
 
 def _run_step(
@@ -186,8 +199,7 @@ def _model_item(root: GraspNetRoot, source: NumberedMesh, mesh_scale: float | No
 
 def _write_model(item: WorkItem) -> str:
     path, mesh_scale = item.arguments
-    mesh, _, note = clean_mesh(read_mesh(path, mesh_scale or 1.0))
-    refuse_too_large(mesh, path, mesh_scale)
+    mesh, _, note = clean_mesh(read_own_mesh(path, mesh_scale))
     mesh, turned = turned_outward(mesh)
     with atomic_folder(item.target) as folder:
         write_mesh(folder / "nontextured.ply", mesh)
@@ -266,7 +278,7 @@ def _part_items(model: Path, target: Path, stamp: Stamp, num_points: int) -> lis
     folder = target.with_name(f"{target.stem}.parts")
     if folder.is_dir() and read_stamp(folder) != stamp.as_json():
         shutil.rmtree(folder)
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     write_sidecar(folder, stamp)
     return [
         WorkItem(f"points {first} on", folder / f"{first:05d}.npz", stamp, (model, first))

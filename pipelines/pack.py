@@ -33,7 +33,7 @@ from pipelines.grasping.labelled_regions import LabelledCloud, LabelledSurface, 
 from pipelines.grasping.scene import SceneCloud
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
-from pipelines.storage.files import existing
+from pipelines.storage.files import existing, refuse_file_as_folder
 from pipelines.storage.provenance import FileVersion, make_stamp
 from pipelines.tabletop.levelling import table_row
 from pipelines.tabletop.mask_noise import MaskNoise
@@ -54,6 +54,7 @@ def run(
     options: BatchOptions | None = None,
 ) -> StageReport:
     """Pack every scene of `split` (None: all) as seen by `camera` (None: by each camera)."""
+    refuse_file_as_folder(output_dir)
     root = GraspNetRoot.finished(source)
     refuse_held_back(root)
     scenes = root.chosen_scenes(camera, split)

@@ -1,6 +1,6 @@
 """Stage `score-grasps`: verdicts on any grasps on any mesh (Sec. IV-A).
 
-Reads   MESH            in metres
+Reads   MESH            scaled to metres
         MESH's .sdf     next to it, if it exists, with `compatible`: graspnetAPI reads both
         GRASPS.npy      (N, 17) graspnetAPI's rows, in the mesh's frame
 Writes  VERDICTS.npz    contacts, smallest friction, antipodal score, collision: one row per grasp
@@ -8,6 +8,7 @@ Writes  VERDICTS.npz    contacts, smallest friction, antipodal score, collision:
 """
 
 import time
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from pipelines.array_types import Array
 from pipelines.configs import ScoreGraspsConfig
 from pipelines.dataset.graspnet.signed_distance import read_sdf
-from pipelines.dataset.meshes import read_mesh
+from pipelines.dataset.meshes import read_own_mesh
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.meshes.signed_distance import SignedDistanceGrid
 from pipelines.geometry.meshes.winding import turned_outward
@@ -40,9 +41,17 @@ UNSURE = "is not closed; near its holes the distance grid and the verdicts are u
 
 @one_run_at_a_time(STAGE, "output")
 def run(
-    model: Path, grasps: Path, output: Path, config: ScoreGraspsConfig, *, overwrite: bool = False
+    model: Path,
+    grasps: Path,
+    output: Path,
+    config: ScoreGraspsConfig,
+    *,
+    mesh_scale: float | None = None,
+    overwrite: bool = False,
 ) -> StageReport:
     """Score the rows of `grasps` on the mesh `model`; rows that are no grasps are reported.
+
+    `mesh_scale`: metres per unit of the mesh; None is 1 and refuses an implausibly large mesh.
 
     Raises:
         ValueRangeError: `output` is not named .npz.
@@ -51,14 +60,15 @@ def run(
     started, report = time.monotonic(), StageReport(STAGE)
     inputs = {"mesh": digest(existing(model)), "grasps": digest(existing(grasps))}
     stored = model.with_suffix(".sdf")
-    with_grid = config.compatible and config.mesh_scale == 1.0 and stored.is_file()
+    with_grid = config.compatible and mesh_scale in (None, 1.0) and stored.is_file()
     if with_grid:
         inputs["sdf"] = digest(stored)
-    stamp = make_stamp(STAGE, config, inputs=inputs)
+    settings = {**asdict(config), "mesh_scale": mesh_scale or 1.0}
+    stamp = make_stamp(STAGE, settings, inputs=inputs)
     if is_finished(output, stamp, overwrite=overwrite):
         report.skipped.append(output.name)
         return report
-    mesh, turned = turned_outward(read_mesh(model, config.mesh_scale))
+    mesh, turned = turned_outward(read_own_mesh(model, mesh_scale))
     given = read_grasp_rows(grasps)
     verdicts = score(mesh, given.rows, config, read_sdf(stored) if with_grid else None)
     _forget(verdicts, sorted(given.faults))

@@ -83,9 +83,10 @@ def run(
     items = runs.items(trials_folder(output), stamp, options)
     step = functools.partial(_simulate_scene, dataset, output, config, baselines)
     report.add(run_batch("simulate", items, step, options))
-    if not options.dry_run:
-        finished = (read_trials(item.target) for item in items if item.target.exists())
-        write_success(output, chain.from_iterable(finished), config.frictions, stamp)
+    finished = [item.target for item in items if item.target.exists()]
+    if finished and not options.dry_run:
+        trials = chain.from_iterable(map(read_trials, finished))
+        write_success(output, trials, config.frictions, stamp)
     return report
 
 

@@ -35,7 +35,7 @@ from pipelines.errors import UnknownNameError, ValueRangeError
 from pipelines.geometry.meshes.signed_distance import signed_distance_grid
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
-from pipelines.storage.files import atomic_folder
+from pipelines.storage.files import atomic_folder, refuse_file_as_folder
 from pipelines.storage.provenance import digest_if_there, make_stamp, stamp_ahead, write_sidecar
 from pipelines.storage.unfinished import mark_finished, mark_unfinished
 from pipelines.synthesis.labels.grasp_sampling import sample_grasp_label
@@ -69,6 +69,7 @@ def run(
     Raises:
         ValueRangeError: a setting is out of range, or `models` are those of `output`.
     """
+    refuse_file_as_folder(output)
     _check(config, models, output)
     sources = own_models(models, mesh_scale) if models else []
     root = _PlannedRoot(

@@ -33,7 +33,13 @@ from pipelines.pictures.overlays import draw_overlay
 from pipelines.pictures.rerun_recording import need_rerun, write_recording
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
-from pipelines.storage.files import LONGEST_NAME, real_path, within, write_text
+from pipelines.storage.files import (
+    LONGEST_NAME,
+    real_path,
+    refuse_file_as_folder,
+    within,
+    write_text,
+)
 from pipelines.storage.images import write_image
 from pipelines.storage.provenance import Stamp, digest, is_finished, make_stamp, read_stamp
 
@@ -136,8 +142,7 @@ def _frame_of(item: WorkItem, paths: ViewPaths) -> tuple[Frame, FrameResult]:
 
 def _check_output(paths: ViewPaths, whole: Stamp, *, overwrite: bool) -> None:
     """Refuse a folder that was made by another program or with other settings."""
-    if paths.output.exists() and not paths.output.is_dir():
-        raise SymgraspError(f"{paths.output} is no folder; choose another one")
+    refuse_file_as_folder(paths.output)
     if paths.index.exists():
         stamp = read_stamp(paths.index)
         if stamp is None or stamp.get("stage") != STAGE:

@@ -7,12 +7,12 @@ import typer
 
 from pipelines.configs import AnnotateSymmetryConfig
 from symgrasp_cli.arguments import Batch
-from symgrasp_cli.options import Seed
+from symgrasp_cli.options import MeshUnit, Seed
 from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import with_settings
 
 
-@with_settings("annotate-symmetry", {"--cut/--no-cut": "cut_objects", "--mesh-scale": "mesh_scale"})
+@with_settings("annotate-symmetry", {"--cut/--no-cut": "cut_objects"})
 def annotate_symmetry(
     config: AnnotateSymmetryConfig,
     source: Annotated[
@@ -47,6 +47,7 @@ def annotate_symmetry(
     bop: Annotated[
         Path | None, typer.Option(help="BOP's models_info.json to write: sizes and rotations.")
     ] = None,
+    mesh_scale: MeshUnit = None,
     options: Batch,
     seed: Seed = 0,
 ) -> None:
@@ -55,7 +56,9 @@ def annotate_symmetry(
     from pipelines.annotation.extras import AnnotationExtras
 
     extras = AnnotationExtras(edit, bop_symmetries, bop, pictures)
-    report = stage.run(source, out, config, extras=extras, seed=seed, options=options)
+    report = stage.run(
+        source, out, config, extras=extras, seed=seed, mesh_scale=mesh_scale, options=options
+    )
     symmetries = source / "symmetry" if out is None else out
     then = ("refine-grasps", source) if (source / "grasp_label").is_dir() else ()
     conclude(report, symmetries, pictures, bop, then=then)

@@ -82,7 +82,7 @@ def evaluate(
         from pipelines import evaluate_dump
 
         report = evaluate_dump.run(grasps, dataset, out, config.graspnet, options)
-        tables = [] if options.dry_run else evaluate_dump.tables(out)
+        tables_of = evaluate_dump.tables
     else:
         from pipelines import evaluate as stage
 
@@ -98,8 +98,9 @@ def evaluate(
             tables=table or (),
             seed=seed,
         )
-        tables = [] if options.dry_run else stage.tables(out)
-    conclude(report, out, out.with_suffix(".html"), tables=tables)
+        tables_of = stage.tables
+    written = not options.dry_run and out.exists() and bool(report.done or report.skipped)
+    conclude(report, out, out.with_suffix(".html"), tables=tables_of(out) if written else ())
 
 
 def _refuse_mixtures(grasps: Path, protocol: str, *, exact: bool, needs_grasps: bool) -> None:

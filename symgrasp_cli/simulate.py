@@ -48,4 +48,5 @@ def simulate(
         grasps, dataset, out, config, options, others=with_ or (), baselines=baselines, seed=seed
     )
     then = ("evaluate", grasps, "--dataset", dataset, "--success", out)
-    conclude(report, out, then=then, tables=() if options.dry_run else stage.tables(out))
+    written = not options.dry_run and out.exists() and bool(report.done or report.skipped)
+    conclude(report, out, then=then, tables=stage.tables(out) if written else ())

@@ -2,12 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
-from pipelines.annotation.jobs import STAGE
-from pipelines.configs import AnnotateSymmetryConfig
-from pipelines.dataset.meshes import read_mesh
+from pipelines.annotation.jobs import STAGE, mesh_of
 from pipelines.dataset.symmetry import bop_models_info, symmetry_labels
 from pipelines.errors import StaleOutputError
 from pipelines.pictures import contact_sheet
@@ -41,22 +38,20 @@ def write_extras(
     report: StageReport,
     items: Sequence[WorkItem],
     extras: AnnotationExtras,
-    config: AnnotateSymmetryConfig,
     options: BatchOptions,
 ) -> None:
     """Write the contact sheets and BOP's file from all finished annotations."""
     finished = [i for i in items if i.name not in report.failed and i.target.is_file()]
     if extras.pictures is not None and finished:
-        _write_pictures(report, finished, extras.pictures, config, options)
+        _write_pictures(report, finished, extras.pictures, options)
     if extras.bop is not None and finished:
-        _write_bop(finished, extras.bop, config, overwrite=options.overwrite)
+        _write_bop(finished, extras.bop, overwrite=options.overwrite)
 
 
 def _write_pictures(
     report: StageReport,
     items: Sequence[WorkItem],
     folder: Path,
-    config: AnnotateSymmetryConfig,
     options: BatchOptions,
 ) -> None:
     """Draw every annotated object and the contact sheets, unless they are up to date."""
@@ -68,13 +63,11 @@ def _write_pictures(
             f"picture of {item.name}",
             folder / "objects" / f"{item.name}.png",
             stamp,
-            (item.arguments[0].mesh, item.target),
+            (item.arguments[0], item.target),
         )
         for item in items
     ]
-    drawn = run_batch(
-        PICTURES, drawings, partial(draw_file, config=config), replace(options, overwrite=True)
-    )
+    drawn = run_batch(PICTURES, drawings, draw_file, replace(options, overwrite=True))
     report.failed |= drawn.failed
     tiles = [
         contact_sheet.Tile(
@@ -91,9 +84,7 @@ def _write_pictures(
     report.notes["pictures"] = f"{len(tiles)} objects on {len(pages)} sheets, {folder}"
 
 
-def _write_bop(
-    items: Sequence[WorkItem], path: Path, config: AnnotateSymmetryConfig, *, overwrite: bool
-) -> None:
+def _write_bop(items: Sequence[WorkItem], path: Path, *, overwrite: bool) -> None:
     """Write BOP's file; a file of another origin is only replaced with `overwrite`."""
     sidecar = sidecar_of(path)
     ours = sidecar.is_file() and read_json(sidecar).get("stage") == STAGE
@@ -101,7 +92,7 @@ def _write_bop(
         raise StaleOutputError(path)
     objects = {
         item.name: (
-            read_mesh(item.arguments[0].mesh, config.mesh_scale),
+            mesh_of(item.arguments[0]),
             symmetry_labels.read(item.target).symmetries,
         )
         for item in items
@@ -114,8 +105,7 @@ def _stamp_of_all(stage: str, items: Sequence[WorkItem]) -> Stamp:
     return make_stamp(stage, {}, inputs={item.name: digest(item.target) for item in items})
 
 
-def draw_file(item: WorkItem, config: AnnotateSymmetryConfig) -> None:
-    """Draw one annotated object; `item.arguments`: its mesh and its annotation."""
-    mesh_path, labels_path = item.arguments
-    mesh = read_mesh(mesh_path, config.mesh_scale)
-    write_image(item.target, object_views(mesh, symmetry_labels.read(labels_path)))
+def draw_file(item: WorkItem) -> None:
+    """Draw one annotated object; `item.arguments`: its `Job` and its annotation."""
+    job, labels_path = item.arguments
+    write_image(item.target, object_views(mesh_of(job), symmetry_labels.read(labels_path)))

@@ -2,17 +2,19 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
-from pipelines.dataset.meshes import find_meshes
+from pipelines.dataset.meshes import find_meshes, read_own_mesh
 from pipelines.dataset.symmetry.bop_models_info import ModelInfo, object_key
 from pipelines.dataset.symmetry.symmetry_edits import ObjectEdits
 from pipelines.errors import SymgraspError
+from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.runtime.batch import WorkItem
+from pipelines.storage.files import refuse_file_as_folder
 from pipelines.storage.provenance import (
     digest,
     digest_if_there,
@@ -27,21 +29,31 @@ Named = tuple[str, Path, "ObjectInputs"]  # name of an object, path of its annot
 
 @dataclass(frozen=True)
 class ObjectInputs:
-    """Inputs of an object's annotation; `refusal`: the reason why it cannot be annotated."""
+    """Inputs of an object's annotation; `refusal`: the reason why it cannot be annotated.
+
+    `scale`: metres per unit of the mesh; None if nobody stated it.
+    """
 
     mesh: Path
     regions: Path | None = None
     edits: ObjectEdits | None = None
     bop: ModelInfo | None = None
     refusal: str | None = None
+    scale: float | None = None
+
+
+def mesh_of(job: ObjectInputs) -> Mesh:
+    """Read the mesh of an object."""
+    return read_own_mesh(job.mesh, job.scale)
 
 
 @dataclass(frozen=True)
 class OptionalInputs:
-    """Inputs of some objects only: corrections by hand, and entries of BOP's file."""
+    """Corrections by hand, and entries of BOP's file, of some objects; the unit of all meshes."""
 
     edits: dict[str, ObjectEdits] = field(default_factory=dict)
     bop: dict[str, ModelInfo] = field(default_factory=dict)
+    scale: float | None = None
 
 
 def items_of(
@@ -56,9 +68,13 @@ def items_of(
     Raises:
         SymgraspError: there is nothing to annotate, or no output folder.
     """
-    jobs = _dataset_jobs(source, config)
-    if output_dir is not None or not jobs:
-        jobs = _mesh_jobs(source, output_dir)
+    jobs = _dataset_jobs(source, optional.scale)
+    if jobs and output_dir is not None:
+        raise SymgraspError(
+            f"{source} is a dataset, whose symmetries are written to {source / 'symmetry'}; leave "
+            "--out out, or make a root of links if the dataset is only read"
+        )
+    jobs = jobs or _mesh_jobs(source, output_dir)
     return [_item(name, target, job, config, seed, optional) for name, target, job in jobs]
 
 
@@ -108,10 +124,10 @@ def _inputs_of(stamp: Mapping[str, Any]) -> dict[str, Any]:
     return inputs if isinstance(inputs, dict) else {}
 
 
-def _dataset_jobs(source: Path, config: AnnotateSymmetryConfig) -> list[Named]:
+def _dataset_jobs(source: Path, scale: float | None) -> list[Named]:
     if not (source / "models").is_dir():
         return []
-    if config.mesh_scale != 1.0:
+    if scale not in (None, 1.0):
         raise SymgraspError(
             f"{source} is a dataset, whose meshes every stage takes as metres; "
             "--mesh-scale is for loose meshes"
@@ -132,6 +148,7 @@ def _mesh_jobs(source: Path, output_dir: Path | None) -> list[Named]:
         raise SymgraspError(
             f"{source} holds no models/ folder, so it is no dataset; pass --out for loose meshes"
         )
+    refuse_file_as_folder(output_dir)
     meshes = find_meshes(source)
     count = Counter(path.stem for path in meshes)
     jobs = []
@@ -154,7 +171,7 @@ def _item(
 ) -> WorkItem:
     key = object_key(name)
     bop = optional.bop.get(name, optional.bop.get(key or ""))
-    job = replace(job, edits=optional.edits.get(name), bop=bop)
+    job = replace(job, edits=optional.edits.get(name), bop=bop, scale=optional.scale)
     # A missing mesh fails its own item, when it is read.
     inputs = {"mesh": digest_if_there(job.mesh)}
     inputs |= {} if job.regions is None else {"regions": digest(job.regions)}
@@ -162,4 +179,5 @@ def _item(
     edits = edits_of(target) if job.edits is None else job.edits.digest
     # Without new corrections, an annotation with earlier corrections counts as finished.
     inputs |= {} if edits is None else {"edits": edits}
-    return WorkItem(name, target, make_stamp(STAGE, config, seed=seed, inputs=inputs), (job,))
+    settings = {"mesh_scale": optional.scale or 1.0, **asdict(config)}
+    return WorkItem(name, target, make_stamp(STAGE, settings, seed=seed, inputs=inputs), (job,))

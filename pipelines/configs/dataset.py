@@ -13,7 +13,6 @@ Colors = Literal["plain", "varied"]
 RegionCategory = Literal["kind", "object", "region"]
 
 GRASPNET = "GraspNet-1Billion"
-MESH_SCALE = "Metres per unit of the mesh file; 0.001 for millimetres."
 SURROUNDINGS = (
     "Surroundings, one drawn for each scene: plain, a large table; bin or tray, with the objects "
     "in it; wall, behind the objects; edge, the table's edge; base, a robot's base next to the "
@@ -106,7 +105,6 @@ class SynthesizeConfig:
 class AnnotateSymmetryConfig:
     """Symmetries of meshes (Sec. III-G)."""
 
-    mesh_scale: float = setting(1.0, "factor", MESH_SCALE, "user's mesh", low=1e-6)
     num_samples: int = count(
         30000, "Dense surface samples that distances are measured to.", BY_EYE, low=100
     )

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from pipelines.configs.dataset import MESH_SCALE
 from pipelines.configs.declaration import BY_EYE, choice, count, fraction, setting
 from pipelines.configs.inference import GRIPPER_USED
 
@@ -21,7 +20,6 @@ class ScoreGraspsConfig:
     compatible: bool = choice(
         False, "Reproduce graspnetAPI's verdicts, with its errors on flat faces.", "D. 44"
     )
-    mesh_scale: float = setting(1.0, "factor", MESH_SCALE, "user's mesh", low=1e-6)
     clip_width: float = setting(0.1, "m", CLIP_WIDTH, "graspnetAPI", low=0.001, high=1.0)
     friction_grid: tuple[float, ...] = setting(
         (0.2, 0.4, 0.6, 0.8, 1.0, 1.2), "factor", "Friction coefficients tried.", "graspnetAPI"

@@ -52,15 +52,39 @@ end_header
 """
 
 
-def read_mesh(path: Path, scale: float = 1.0) -> Mesh:
-    """Read one mesh: metres, object frame, equal vertices merged, triangles in file order.
+def read_mesh(path: Path) -> Mesh:
+    """Read a model of a dataset: metres, object frame, vertices merged, triangles in file order.
 
-    `scale`: metres per unit of the file, 0.001 for millimetres. A warning is logged for a mesh too
-    large to be in metres.
+    A warning is logged for a mesh too large to be in metres.
 
     Raises:
         FormatError: the file is unreadable, has no triangles, or vertices that are not finite.
     """
+    mesh = _read(path, 1.0)
+    if warning := size_warning(mesh, path):
+        log.warning("%s", warning)
+    return mesh
+
+
+def read_own_mesh(path: Path, scale: float | None) -> Mesh:
+    """Read a mesh of unknown origin as `read_mesh` does.
+
+    `scale`: metres per unit of the file, 0.001 for millimetres; None if nobody stated it.
+
+    Raises:
+        FormatError: the file is unreadable, has no triangles, or vertices that are not finite.
+        SymgraspError: no `scale` was given, and the mesh is too large to be in metres.
+    """
+    mesh = _read(path, 1.0 if scale is None else scale)
+    if scale is None and (warning := size_warning(mesh, path)):
+        raise SymgraspError(
+            f"{warning}: --mesh-scale 0.001 makes that {mesh.diagonal / 1000:.4g} m, "
+            "--mesh-scale 1 states that it is in metres"
+        )
+    return mesh
+
+
+def _read(path: Path, scale: float) -> Mesh:
     if path.suffix.lower() not in MESH_SUFFIXES:
         if path.suffix.lower() in UNREAD_SUFFIXES:
             kinds = ", ".join(MESH_SUFFIXES)
@@ -75,18 +99,17 @@ def read_mesh(path: Path, scale: float = 1.0) -> Mesh:
         raise FormatError(path, found, "finite metres are expected; export the mesh again")
     loaded.merge_vertices(merge_tex=True, merge_norm=True)
     faces = np.asarray(loaded.faces, dtype=np.int64)
-    mesh = Mesh(scale * np.asarray(loaded.vertices, dtype=np.float64), faces)
-    if warning := size_warning(mesh, path):
-        log.warning("%s", warning)
-    return mesh
+    return Mesh(scale * np.asarray(loaded.vertices, dtype=np.float64), faces)
 
 
-def read_solid_mesh(path: Path, scale: float = 1.0) -> Mesh:
-    """Read a mesh as `read_mesh` does, with all triangles turned to face outward.
+def read_solid_mesh(path: Path) -> Mesh:
+    """Read a model as `read_mesh` does, with all triangles turned to face outward."""
+    return solid(read_mesh(path), path)
 
-    The number of turned triangles is logged.
-    """
-    mesh, turned = turned_outward(read_mesh(path, scale))
+
+def solid(mesh: Mesh, path: Path) -> Mesh:
+    """Return the mesh of `path` with all triangles turned to face outward; the count is logged."""
+    mesh, turned = turned_outward(mesh)
     if turned:
         _warn_once(path, turned)
     return mesh
@@ -108,13 +131,6 @@ def read_vertices(path: Path) -> Array:
     return points
 
 
-def refuse_too_large(mesh: Mesh, path: Path, scale: float | None) -> None:
-    """Raise SymgraspError if `mesh` is too large to be in metres and no `scale` was given."""
-    too_large = size_warning(mesh, path) if scale is None else None
-    if too_large:
-        raise SymgraspError(f"{too_large}; if it is in metres, pass --mesh-scale 1")
-
-
 def refuse_too_small(mesh: Mesh, path: Path) -> None:
     """Raise SymgraspError if `mesh` is too small for physics and cameras."""
     if too_small := smallness_warning(mesh, path):
@@ -134,13 +150,13 @@ def smallness_warning(mesh: Mesh, path: Path) -> str | None:
 
 
 def size_warning(mesh: Mesh, path: Path) -> str | None:
-    """Return a warning if a mesh is too large for metres, with the option to pass; else None."""
+    """Return a warning if a mesh is too large to be in metres; else None."""
     size = mesh.diagonal
     if size <= LARGEST_LIKELY_DIAGONAL:
         return None
     return (
         f"{path}: the mesh is {size:.4g} m from corner to corner, which looks like millimetres; "
-        f"scale it to metres (--mesh-scale 0.001 makes that {size / 1000:.4g} m)"
+        "metres are expected"
     )
 
 

@@ -118,7 +118,8 @@ def paired_frames(runs: Sequence[EvaluatedRun]) -> list[str]:
         SymgraspError: no frame or metric is in all runs, or a frame's truth differs between runs.
     """
     first, *others = runs
-    if not set.intersection(*(run.metrics for run in runs)):
+    protocols = {run.report.get("protocol") for run in runs}
+    if len(protocols) > 1 or not set.intersection(*(run.metrics for run in runs)):
         raise SymgraspError(
             "the runs have different protocols or different frictions, so no figure is common; "
             "compare runs of one kind"

@@ -21,7 +21,7 @@ from typing import Any, ParamSpec, TypeVar
 from pipelines.ending import create_temporary, remove_temporary
 from pipelines.errors import SymgraspError
 from pipelines.runtime.batch import BatchOptions
-from pipelines.storage.files import real_path
+from pipelines.storage.files import real_path, refuse_file_as_folder
 
 if sys.platform != "win32":  # runs on Windows do not detect each other
     import fcntl
@@ -93,7 +93,9 @@ def output_locked(output: Path, stage: str) -> Iterator[None]:
 
     Raises:
         OutputInUseError: another process holds the lock.
+        SymgraspError: the output's folder is a file.
     """
+    refuse_file_as_folder(output.parent)
     whole = real_path(output)
     made = _missing_parents(whole)
     lock = whole.with_name(f".{whole.name}.{stage}.lock")

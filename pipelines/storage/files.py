@@ -47,6 +47,23 @@ DAMAGED = (
 )
 
 
+def refuse_file_as_folder(path: Path) -> None:
+    """Raise SymgraspError if `path`, or a folder above it, is a file."""
+    nearest = next((each for each in (path, *path.parents) if each.exists()), path)
+    if nearest.exists() and not nearest.is_dir():
+        raise SymgraspError(f"{nearest} is a file; name a folder, or a new one, for the output")
+
+
+def make_folder(path: Path) -> None:
+    """Make the folder `path` and those above it, if they do not exist.
+
+    Raises:
+        SymgraspError: one of them is a file.
+    """
+    refuse_file_as_folder(path)
+    path.mkdir(parents=True, exist_ok=True)
+
+
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
     """Yield a temporary path next to `path`; on success it is synced and renamed to `path`.
@@ -54,7 +71,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
     Raises:
         WriteError: there is no space.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     temporary = new_temporary(path, lambda made: made.touch(mode=0o600, exist_ok=False))
     try:
         with _no_space_reported(path):
@@ -77,7 +94,7 @@ def atomic_folder(path: Path) -> Iterator[Path]:
         WriteError: there is no space.
     """
     path = real_path(path) if path.is_symlink() else path
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     temporary = new_temporary(path, lambda made: made.mkdir(mode=0o700))
     try:
         with _no_space_reported(path):

@@ -14,7 +14,7 @@ from typing import Any
 
 from pipelines.contents import json_object
 from pipelines.errors import FormatError, StaleOutputError, ValueRangeError
-from pipelines.storage.files import open_safetensors, read_json, write_json
+from pipelines.storage.files import make_folder, open_safetensors, read_json, write_json
 from pipelines.storage.h5_columns import attribute
 from pipelines.storage.h5_files import open_h5
 
@@ -129,7 +129,7 @@ def stamp_ahead(target: Path, stamp: Stamp) -> None:
     `target` is removed before: a run killed in between would leave it under the wrong stamp.
     """
     target.unlink(missing_ok=True)
-    target.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(target.parent)
     write_sidecar(target, stamp)
 
 

@@ -13,6 +13,7 @@ from pipelines.dataset.meshes import (
     clean_mesh,
     find_meshes,
     read_mesh,
+    read_own_mesh,
     refuse_too_small,
     size_warning,
     smallness_warning,
@@ -100,15 +101,18 @@ def test_a_mesh_in_millimetres_gives_a_warning(
         read_mesh(tmp_path / "large.ply")
     assert "millimetres" in caplog.text
     assert "374.2 m" in caplog.text
-    assert "--mesh-scale 0.001" in caplog.text
 
 
-def test_a_scale_turns_millimetres_into_metres_without_a_warning(
+def test_an_own_mesh_in_millimetres_is_refused_unless_its_unit_is_stated(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     write_mesh(tmp_path / "large.ply", box(100.0))
+    right = r"large\.ply: .* 374\.2 m .*--mesh-scale 0\.001 .* 0\.3742 m, --mesh-scale 1 "
+    with pytest.raises(SymgraspError, match=right):
+        read_own_mesh(tmp_path / "large.ply", None)
     with caplog.at_level(logging.WARNING):
-        mesh = read_mesh(tmp_path / "large.ply", scale=0.001)
+        assert read_own_mesh(tmp_path / "large.ply", 1.0).diagonal > 300.0
+        mesh = read_own_mesh(tmp_path / "large.ply", 0.001)
     assert not caplog.text
     assert size_warning(mesh, tmp_path) is None
     assert_allclose(np.ptp(mesh.vertices, axis=0), (0.1, 0.2, 0.3), rtol=1e-6)

@@ -102,3 +102,12 @@ def test_every_stage_that_writes_locks_its_output(stage):
     text = (Path(pipelines.__file__).parent / f"{stage}.py").read_text(encoding="utf-8")
     if stage not in WRITES_NOTHING and re.search(r"^def run\(", text, re.MULTILINE):
         assert hasattr(import_module(f"pipelines.{stage}").run, "__wrapped__")
+
+
+def test_an_output_below_a_file_is_refused_in_one_sentence(tmp_path):
+    (tmp_path / "file").touch()
+    with (
+        pytest.raises(SymgraspError, match="file is a file; name a folder"),
+        output_locked(tmp_path / "file" / "new" / "g.h5", "toy"),
+    ):
+        pytest.fail("the run started")

@@ -157,15 +157,50 @@ def test_regions_hold_the_repetitions_of_their_triangles(tmp_path):
     assert len(triangles) == len(np.unique(triangles)) == 2 * len(pair.faces)
 
 
-def test_millimetres_give_a_warning_and_are_corrected_by_the_scale(tmp_path, caplog):
+def test_millimetres_are_refused_unless_stated_and_give_symmetries_in_metres(tmp_path):
     can = shapes()[1]
-    write_mesh(tmp_path / "can.ply", Mesh(1000.0 * can.vertices, can.faces))
-    run(tmp_path / "can.ply", tmp_path / "mm")
-    assert caplog.text.count("looks like millimetres") == 1
-    caplog.clear()
-    config = replace(QUICK, mesh_scale=0.001)
-    annotate_symmetry.run(tmp_path / "can.ply", tmp_path / "m", config, options=QUIET)
-    assert "looks like millimetres" not in caplog.text
+    write_mesh(tmp_path / "can.ply", Mesh(1000.0 * can.vertices + 500.0, can.faces))
+    refused = run(tmp_path / "can.ply", tmp_path / "out")
+    assert "looks like millimetres" in refused.failed["can"]
+    assert not (tmp_path / "out" / "can.json").exists()
+    extras = AnnotationExtras(pictures=tmp_path / "sheets", bop=tmp_path / "models_info.json")
+    report = annotate_symmetry.run(
+        tmp_path / "can.ply", tmp_path / "out", QUICK,
+        extras=extras, mesh_scale=0.001, options=QUIET,
+    )  # fmt: skip
+    assert report.done == ["can"]
+    assert not report.failed
+    for symmetry in symmetry_labels.read(tmp_path / "out" / "can.json").symmetries:
+        np.testing.assert_allclose(symmetry.point, 0.5, atol=0.2)
+    entry = next(iter(json.loads((tmp_path / "models_info.json").read_text()).values()))
+    assert 100.0 < entry["diameter"] < 400.0  # millimetres
+
+
+def test_a_root_whose_models_are_millimetres_is_refused_unless_they_are_stated_as_metres(tmp_path):
+    can = shapes()[1]
+    write_mesh(tmp_path / "models/000/nontextured.ply", Mesh(1000.0 * can.vertices, can.faces))
+    assert "looks like millimetres" in run(tmp_path).failed["000"]
+    assert annotate_symmetry.run(tmp_path, None, QUICK, mesh_scale=1.0, options=QUIET).done
+    with pytest.raises(SymgraspError, match="whose meshes every stage takes as metres"):
+        annotate_symmetry.run(tmp_path, None, QUICK, mesh_scale=0.001, options=QUIET)
+
+
+def test_a_dataset_has_no_other_folder_for_its_symmetries(tmp_path):
+    write_mesh(tmp_path / "root/models/000/nontextured.ply", shapes()[1])
+    with pytest.raises(SymgraspError, match=r"are written to .*root/symmetry; leave --out out"):
+        run(tmp_path / "root", tmp_path / "out")
+
+
+def test_files_in_place_of_output_folders_are_named_before_any_work(tmp_path):
+    write_mesh(tmp_path / "can.ply", shapes()[1])
+    (tmp_path / "file").touch()
+    with pytest.raises(SymgraspError, match="file is a file; name a folder"):
+        run(tmp_path / "can.ply", tmp_path / "file")
+    with pytest.raises(SymgraspError, match="file is a file; name a folder"):
+        annotate_symmetry.run(
+            tmp_path / "can.ply", tmp_path / "out", QUICK,
+            extras=AnnotationExtras(pictures=tmp_path / "file"), options=QUIET,
+        )  # fmt: skip
 
 
 def corrected(tmp_path, entries, options=QUIET, name="box"):

@@ -26,6 +26,7 @@ from pipelines.evaluation.graspnet.dump_verdicts import (
     write_dump_verdicts,
 )
 from pipelines.evaluation.graspnet.graspnet_figures import DumpTotals
+from pipelines.evaluation.paired_runs import EvaluatedRun
 from pipelines.evaluation.records import (
     FrameRecord,
     RowRecord,
@@ -270,6 +271,7 @@ def test_dumps_are_compared_by_graspnets_ap(tmp_path):
     assert {figure.metric for figure in found.figures} == {"ap", "ap_0.8", "ap_0.4"}
     assert figure(found, "ap_0.4").differences[0].value == pytest.approx(0.1)
     assert figure(found, "ap").frames == 12
+    assert found.notes == ["12 frames are in all 2 runs and are compared."]
     one_camera = compare.run(paths, CompareConfig(row="kinect", resamples=10))
     assert figure(one_camera, "ap").frames == 6
 
@@ -288,6 +290,14 @@ def test_a_dump_and_a_file_of_grasps_cannot_be_compared(tmp_path):
     paths = [write_run(tmp_path / "a"), write_dump_run(tmp_path / "b")]
     with pytest.raises(SymgraspError, match="different protocols"):
         compare.run(paths, CONFIG)
+
+
+def test_runs_of_different_protocols_are_not_compared_even_if_both_have_an_ap(tmp_path):
+    runs = [EvaluatedRun("a", {}), EvaluatedRun("b", {"protocol": "graspnet"})]
+    for run in runs:
+        run.add("scene/0", "seen", ((), 0, ()), 1, {"ap": 0.5})
+    with pytest.raises(SymgraspError, match="different protocols"):
+        compare.compared(runs, CONFIG, seed=0)
 
 
 def write_trials_run(folder: Path, held: float, frictions=(0.3, 0.5), **options) -> Path:

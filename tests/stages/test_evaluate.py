@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from pipelines import evaluate, evaluate_dump, export
 from pipelines.configs import EvaluateConfig, EvaluateDumpConfig, ExportConfig
@@ -27,6 +28,7 @@ from pipelines.grasp_files.gripper_files import GRIPPERS
 from pipelines.runtime.batch import BatchOptions, StageReport
 from pipelines.storage.files import read_json, write_json
 from pipelines.storage.provenance import digest, make_stamp
+from symgrasp_cli.app import app
 from tests.stages.toy_root import SCENES, frame_names, true_result, write_grasps, write_root
 
 QUIET = BatchOptions(progress=False)
@@ -441,6 +443,20 @@ def test_a_scene_with_a_damaged_label_fails_alone(tmp_path):
     assert (
         "Left out: 1 scenes that could not be evaluated, for example scene_0100_realsense" in page
     )
+
+
+@pytest.mark.parametrize("command", ["evaluate", "simulate"])
+def test_no_report_is_written_if_every_scene_fails(tmp_path, command):
+    root, name = write_root(tmp_path / "root"), frame_names()[0]
+    write_grasps(tmp_path / "g.h5", [true_result(root, name)])
+    label = root.frame(name).path("label")
+    label.write_bytes(label.read_bytes()[:100])
+    out = tmp_path / "out" / "report.json"
+    arguments = [command, str(tmp_path / "g.h5"), "--dataset", str(root.root), "--out", str(out)]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 1
+    assert "error: scene_0100_realsense: " in result.output
+    assert not list(out.parent.glob("report.json*"))
 
 
 def test_a_dry_run_writes_nothing(root, truth_file, tmp_path):

@@ -215,6 +215,17 @@ def test_a_scene_that_the_dataset_lacks_fails_alone(root, dump, tmp_path):
     assert figures(tmp_path / "r.json")["frames"] == 4
 
 
+def test_no_report_is_written_if_the_dataset_lacks_all_scenes(root, dump, tmp_path):
+    (dump / "scene_0100").rename(dump / "scene_0101")
+    shutil.rmtree(dump / "scene_0160")
+    arguments = ["--dataset", str(root.root), "--protocol", "graspnet"]
+    out = tmp_path / "new" / "r.json"
+    result = CliRunner().invoke(app, ["evaluate", str(dump), *arguments, "--out", str(out)])
+    assert result.exit_code == 1
+    assert "error: scene_0101_realsense: " in result.output
+    assert not out.exists()
+
+
 def test_finished_scenes_are_skipped_and_workers_change_nothing(root, pristine, tmp_path):
     output = tmp_path / "r.json"
     run(pristine, root, output, workers=2)

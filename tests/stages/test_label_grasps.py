@@ -270,6 +270,21 @@ def test_a_root_is_labelled_in_place_or_into_another(meshes: Path, tmp_path: Pat
     assert not (tmp_path / "root" / "models" / "003" / "provenance.json").exists()
 
 
+def test_a_root_labelled_in_place_is_refused_if_its_models_are_millimetres(tmp_path: Path) -> None:
+    root, mesh = tmp_path / "root", box(0.4)
+    write_mesh(GraspNetRoot(root).model_path(3), Mesh(10.0 * mesh.vertices, mesh.faces))
+    assert "looks like millimetres" in label(root, root).failed["003"]
+    with pytest.raises(SymgraspError, match="1 or left out for a root"):
+        label(root, root, mesh_scale=0.001)
+    assert label(root, root, mesh_scale=1.0).done == ["003"]
+
+
+def test_a_file_in_place_of_the_root_is_named(meshes: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(SymgraspError, match="file is a file; name a folder"):
+        label(meshes, tmp_path / "file")
+
+
 def test_a_dry_run_writes_nothing(meshes: Path, tmp_path: Path) -> None:
     report = label(meshes, tmp_path / "out", options=BatchOptions(dry_run=True, progress=False))
     assert "000_labels.npz" in report.notes["000 box"]

@@ -173,6 +173,12 @@ def test_a_scene_whose_pictures_were_replaced_is_not_reused(root, tmp_path):
     assert "other settings or inputs" in again.failed[NAME]
 
 
+def test_a_file_in_place_of_the_output_folder_is_named_before_any_work(root, tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(SymgraspError, match="file is a file; name a folder"):
+        pack.run(root.root, tmp_path / "file", PackConfig())
+
+
 def test_a_split_without_scenes_is_reported_in_one_sentence(root, tmp_path):
     with pytest.raises(SymgraspError, match="novel scene"):
         pack.run(root.root, tmp_path, CONFIG, split="novel", options=QUIET)

@@ -10,7 +10,7 @@ from pipelines import score_grasps
 from pipelines.configs import ScoreGraspsConfig
 from pipelines.dataset.graspnet.signed_distance import write_sdf
 from pipelines.dataset.meshes import write_mesh
-from pipelines.errors import FormatError, StaleOutputError
+from pipelines.errors import FormatError, StaleOutputError, SymgraspError
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.meshes.signed_distance import SignedDistanceGrid
 from pipelines.geometry.transforms import make_pose, random_rotation, rotation_about
@@ -39,11 +39,13 @@ def rows_across(count=4) -> np.ndarray:
     return rows
 
 
-def run(mesh_path, rows, *, compatible=False, overwrite=False):
+def run(mesh_path, rows, *, compatible=False, overwrite=False, mesh_scale=None):
     path, out = mesh_path.with_name("rows.npy"), mesh_path.with_name("verdicts.npz")
     write_npy(path, rows)
     config = ScoreGraspsConfig(compatible=compatible)
-    report = score_grasps.run(mesh_path, path, out, config, overwrite=overwrite)
+    report = score_grasps.run(
+        mesh_path, path, out, config, mesh_scale=mesh_scale, overwrite=overwrite
+    )
     return report, read_npz(out)
 
 
@@ -55,6 +57,16 @@ def test_a_mesh_turned_inside_out_is_scored_as_if_turned_back(mesh_path):
     assert report.notes["box.ply"] == "turned its triangles, which looked inward"
     np.testing.assert_array_equal(turned["min_friction"], verdicts["min_friction"])
     assert turned["found"].all()
+
+
+def test_a_mesh_in_millimetres_is_refused_unless_its_unit_is_stated(mesh_path):
+    _, verdicts = run(mesh_path, rows_across())
+    solid = box(*SIDES)
+    write_mesh(mesh_path, Mesh(1000.0 * solid.vertices, solid.faces))
+    with pytest.raises(SymgraspError, match="looks like millimetres"):
+        run(mesh_path, rows_across(), overwrite=True)
+    _, scaled = run(mesh_path, rows_across(), overwrite=True, mesh_scale=0.001)
+    np.testing.assert_allclose(scaled["contacts"], verdicts["contacts"], atol=1e-7)
 
 
 def test_a_tilted_grasp_across_two_faces_needs_the_tangent_of_its_tilt(mesh_path):

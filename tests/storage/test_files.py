@@ -222,3 +222,10 @@ def test_a_pipe_is_refused_as_file(tmp_path):
     os.mkfifo(tmp_path / "x.json")
     with pytest.raises(SymgraspError, match="is no plain file"):
         read_json(tmp_path / "x.json")
+
+
+def test_a_file_in_place_of_a_folder_is_named(tmp_path):
+    (tmp_path / "file").touch()
+    for path in (tmp_path / "file" / "x.json", tmp_path / "file" / "a" / "b" / "x.json"):
+        with pytest.raises(SymgraspError, match="file is a file; name a folder"):
+            files.write_json(path, {})

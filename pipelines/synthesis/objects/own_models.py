@@ -6,9 +6,9 @@ from pathlib import Path
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.meshes import (
     find_meshes,
-    read_solid_mesh,
-    refuse_too_large,
+    read_own_mesh,
     refuse_too_small,
+    solid,
 )
 from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.storage.files import real_path
@@ -32,8 +32,7 @@ class OwnModel:
             SymgraspError: the mesh cannot be read, seems to be in millimetres, is tiny, or is no
                 body for physics, such as a sheet.
         """
-        mesh = read_solid_mesh(self.path, self.scale or 1.0)
-        refuse_too_large(mesh, self.path, self.scale)
+        mesh = solid(read_own_mesh(self.path, self.scale), self.path)
         refuse_too_small(mesh, self.path)
         try:
             pieces = physics_pieces(mesh, seed=seed)

@@ -74,6 +74,8 @@ def run(
         earlier = find_progress(output, stamp, request)
         if earlier is not None and earlier.finished:
             return StageReport(STAGE, skipped=[output.name])
+        # Before the frames are prepared, so that wrong weights are named at once.
+        detector = starting_detector(config, request.seed, coco_weights, init)
         with processes.one_first():  # the other processes find all frames prepared
             options = options or BatchOptions()
             # The other processes must not overwrite the frames that the first has just prepared.
@@ -85,7 +87,6 @@ def run(
             return prepared
         ready = [*prepared.done, *prepared.skipped]
         frames = frames_of(roots, output, ready, config.val_fraction, request.seed)
-        detector = starting_detector(config, request.seed, coco_weights, init)
         trainee = DetectorTraining(detector, frames, config, device, processes)
         metadata = weights_metadata(MODEL_NAME, config.detector)
         training = TrainingRun(trainee, config, request, output, stamp, metadata, processes)

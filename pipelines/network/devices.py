@@ -25,7 +25,7 @@ def find_device(name: str, process: int | None = None) -> torch.device:
     if kind == "cuda" and int(number or 0) >= torch.cuda.device_count():
         found = [f"cuda:{place}" for place in range(torch.cuda.device_count())]
         known = " or ".join(["cpu", *found])
-        raise ValueRangeError("--device", name, f"{known}, the devices of this machine")
+        raise ValueRangeError("--device", name, f"{known} on this machine")
     return torch.device(name)
 
 

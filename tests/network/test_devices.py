@@ -18,7 +18,7 @@ def test_an_unknown_device_is_refused(name):
 
 
 def test_a_missing_gpu_is_refused():
-    with pytest.raises(ValueRangeError, match=r"cuda:99; it must be cpu.* of this machine"):
+    with pytest.raises(ValueRangeError, match=r"cuda:99; it must be cpu.* on this machine"):
         find_device("cuda:99")
 
 

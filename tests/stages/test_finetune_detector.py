@@ -16,6 +16,7 @@ from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.training import detector_frames
 from pipelines.dataset.training.region_frames import split_frames
 from pipelines.errors import SymgraspError, ValueRangeError
+from pipelines.inference import models
 from pipelines.learning.detector.detector_start import starting_detector
 from pipelines.learning.detector.detector_training import DetectorTraining, spread
 from pipelines.learning.loop.faults import save_fault
@@ -58,6 +59,15 @@ def output(root, tmp_path_factory):
 def prepare(root, output, config=CONFIG):
     items = finetune_detector.scene_items(root.root, output, config)
     return finetune_detector.prepare(root.root, items, config, QUIET)
+
+
+def test_weights_of_another_model_are_named_before_frames_are_prepared(root, tmp_path):
+    output = tmp_path / "detector.safetensors"
+    with pytest.raises(SymgraspError, match="network"):
+        finetune_detector.run(
+            [root.root], output, SHORT, REQUEST, split=None, init=models.NETWORK_WEIGHTS
+        )
+    assert not output.with_name("detector.frames").exists()
 
 
 def test_frames_are_prepared_with_their_regions(root, output):

@@ -87,7 +87,8 @@ def _region(path: Path, mesh: Mesh, entry: Any) -> ManualRegion:  # noqa: ANN401
         raise FormatError(path, f"region {name!r} has no triangles", which)
     stated = entry.get("symmetries")
     if stated is not None and not isinstance(stated, list):
-        raise FormatError(path, f"`symmetries` of region {name!r} are no list", "a list, or none")
+        found = f"`symmetries` of region {name!r} are no list"
+        raise FormatError(path, found, "a list is expected, or none")
     return ManualRegion(
         name, triangles, None if stated is None else symmetries_from_json(path, stated)
     )

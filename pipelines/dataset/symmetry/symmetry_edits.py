@@ -58,7 +58,9 @@ def read(path: Path) -> dict[str, ObjectEdits]:
 
 def _object_edits(path: Path, name: str, entries: Any) -> ObjectEdits:  # noqa: ANN401 - JSON
     if not isinstance(entries, list):
-        raise FormatError(path, f"the corrections of {name} are no list", "a list of actions")
+        raise FormatError(
+            path, f"the corrections of {name} are no list", "a list of actions is expected"
+        )
     for entry in entries:
         if not isinstance(entry, dict) or len(entry) != 1:
             raise FormatError(path, f"a correction of {name} is not one action", _one_of(ACTIONS))

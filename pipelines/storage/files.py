@@ -258,7 +258,9 @@ def _plain_arrays(path: Path, suffix: str) -> Iterator[None]:
             warnings.simplefilter("ignore", UserWarning)
             yield
     except DAMAGED as error:
-        found = f"this is not a whole {suffix} file of numbers ({error})"
+        found = f"this is not a whole {suffix} file of numbers"
+        if "pickle" not in str(error):  # numpy then advises to unpickle the file
+            found += f" ({error})"
         raise FormatError(path, found, "plain arrays are read, pickles never") from error
 
 

@@ -79,6 +79,15 @@ def test_pickled_arrays_are_never_opened(tmp_path):
         files.read_npy(path)
 
 
+@pytest.mark.parametrize("content", [b"no array at all", b"\x93NUMPY\x01\x00"])
+def test_damaged_arrays_are_named_without_advice_to_unpickle(tmp_path, content):
+    path = tmp_path / "damaged.npy"
+    path.write_bytes(content)
+    with pytest.raises(FormatError, match=r"damaged.npy: this is not a whole .npy file") as caught:
+        read_npy(path)
+    assert "allow_pickle" not in str(caught.value)
+
+
 def test_a_zip_bomb_is_refused_before_it_unpacks(tmp_path):
     path = tmp_path / "bomb.npz"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:

@@ -21,7 +21,8 @@ from pipelines.frames.rgbd import MISSING_DEPTH, Frame, FrameSource
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.runtime.batch import StageReport
 from pipelines.runtime.one_run import one_run_at_a_time
-from pipelines.storage.files import atomic_folder, write_json, write_npz
+from pipelines.storage.array_files import write_npz
+from pipelines.storage.files import atomic_folder, write_json
 from pipelines.storage.images import write_image
 from pipelines.storage.provenance import digest, digest_text, is_finished, make_stamp, write_sidecar
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from pipelines.geometry.meshes.mesh import Mesh
-from pipelines.storage.files import read_npz, write_npz
+from pipelines.storage.array_files import read_npz, write_npz
 
 ARRAYS = ("vertices", "faces", "vertex_start", "face_start")
 

@@ -19,7 +19,8 @@ from pipelines.frames.encodings.yaml_files import read_yaml
 from pipelines.frames.graspnet_scene import read_meta
 from pipelines.frames.lens import NO_DISTORTION, Distortion, distortion_in
 from pipelines.geometry.camera import Intrinsics
-from pipelines.storage.files import existing, is_file, read_json, read_npy
+from pipelines.storage.array_files import read_npy
+from pipelines.storage.files import existing, is_file, read_json
 
 SYNONYMS = {
     "fx": ("fx", "_fx", "fl_x"),

@@ -27,7 +27,8 @@ from pipelines.geometry.transforms import (
     nearest_orthogonal,
     quaternion_to_matrix,
 )
-from pipelines.storage.files import existing, read_npy, write_bytes, write_npy, write_text
+from pipelines.storage.array_files import read_npy, write_npy
+from pipelines.storage.files import existing, write_bytes, write_text
 
 log = logging.getLogger(__name__)
 

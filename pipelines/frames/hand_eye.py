@@ -16,7 +16,8 @@ from pipelines.array_types import Array
 from pipelines.errors import FormatError
 from pipelines.frames.encodings.yaml_files import read_yaml
 from pipelines.geometry.transforms import make_pose, nearest_orthogonal, quaternion_to_matrix
-from pipelines.storage.files import existing, read_json, read_npy
+from pipelines.storage.array_files import read_npy
+from pipelines.storage.files import existing, read_json
 
 EXPECTED = (
     "a 4 x 4 matrix in JSON, YAML, .npy or .txt, or the YAML of easy_handeye or MoveIt's "

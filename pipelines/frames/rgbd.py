@@ -23,7 +23,7 @@ from pipelines.frames.depth_checks import LOOKS_INVERSE, is_inverse
 from pipelines.frames.encodings.exr_files import read_exr
 from pipelines.frames.lens import Distortion, Image, displacement, undistorted
 from pipelines.geometry.camera import Intrinsics
-from pipelines.storage.files import read_npy, read_npz
+from pipelines.storage.array_files import read_npy, read_npz
 from pipelines.storage.images import read_image
 
 log = logging.getLogger(__name__)

@@ -13,7 +13,7 @@ from pipelines.array_types import Array, Floats, Mask
 from pipelines.dataset.graspnet.graspnet_labels import RECT_COLUMNS
 from pipelines.errors import FormatError
 from pipelines.geometry.transforms import nearest_orthogonal
-from pipelines.storage.files import read_npy, write_npz
+from pipelines.storage.array_files import read_npy, write_npz
 from pipelines.storage.provenance import Stamp, stamp_ahead
 
 COLUMNS = 17

@@ -34,7 +34,7 @@ from pipelines.grasp_files.grasps_tables import (
     ranks_in_frame,
     tables_of,
 )
-from pipelines.storage.files import DAMAGED
+from pipelines.storage.array_files import DAMAGED
 from pipelines.storage.h5_columns import (
     attribute,
     check_version,

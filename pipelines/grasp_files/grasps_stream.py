@@ -39,7 +39,8 @@ from pipelines.grasp_files.grasps_tables import (
     joined_tables,
     tables_of,
 )
-from pipelines.storage.files import DAMAGED, real_path
+from pipelines.storage.array_files import DAMAGED
+from pipelines.storage.files import real_path
 from pipelines.storage.h5_columns import json_attributes, make_column, read_alike, read_columns
 from pipelines.storage.h5_files import new_h5, open_h5
 from pipelines.storage.provenance import Stamp

@@ -22,7 +22,7 @@ from pipelines.grasping.grasps import GraspPoses, from_graspnet
 from pipelines.metrics.contacts import Contacts, close_fingers
 from pipelines.metrics.force_closure import min_friction, on_grid
 from pipelines.metrics.graspnet.grid_contacts import NEAR, PROBE_RADIUS, PROBES, trilinear_distance
-from pipelines.storage.files import read_npy, read_npz
+from pipelines.storage.array_files import read_npy, read_npz
 from tests.geometry.meshes.closest import closest_points
 
 Array = NDArray[np.float64]

@@ -16,7 +16,7 @@ from pipelines.dataset.meshes import read_mesh
 from pipelines.grasping.grasps import GraspPoses, from_graspnet
 from pipelines.metrics.contacts import Contacts, close_fingers
 from pipelines.metrics.force_closure import min_friction, on_grid
-from pipelines.storage.files import read_npy, read_npz
+from pipelines.storage.array_files import read_npy, read_npz
 
 PEER_GRID = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2)
 BOX_HALF_SIDES = np.array([0.03, 0.02, 0.05])

@@ -26,7 +26,7 @@ from pipelines.geometry.rendering import Scene, cast_view
 from pipelines.geometry.transforms import invert, make_pose, random_rotation
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.metrics.contacts import close_fingers
-from pipelines.storage.files import write_npy
+from pipelines.storage.array_files import write_npy
 from pipelines.storage.images import write_image
 
 INTRINSICS = Intrinsics(300.0, 300.0, 159.5, 119.5, 320, 240)

@@ -21,7 +21,8 @@ from pipelines.grasp_files.grasp_rows import read_grasp_rows
 from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasp_files.gripper_files import GRIPPERS, gripper_digest, load_gripper
 from pipelines.grasping.grasps import from_graspnet
-from pipelines.storage.files import read_npz, write_json
+from pipelines.storage.array_files import read_npz
+from pipelines.storage.files import write_json
 from pipelines.storage.provenance import make_stamp
 from symgrasp_cli.app import app
 from tests.grasp_files.exports import export_readers

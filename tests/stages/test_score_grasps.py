@@ -16,7 +16,7 @@ from pipelines.geometry.meshes.signed_distance import SignedDistanceGrid
 from pipelines.geometry.transforms import make_pose, random_rotation, rotation_about
 from pipelines.grasp_files.grasp_rows import VERDICT_ARRAYS
 from pipelines.grasping.grasps import GraspPoses, to_graspnet
-from pipelines.storage.files import read_npz, write_npy
+from pipelines.storage.array_files import read_npz, write_npy
 from symgrasp_cli.app import app
 from tests.metrics.shapes import box, moved, random_grasps
 

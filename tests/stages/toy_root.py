@@ -29,7 +29,7 @@ from pipelines.geometry.transforms import invert, make_pose
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable
 from pipelines.grasping.grasps import GraspPoses
-from pipelines.storage.files import write_npy
+from pipelines.storage.array_files import write_npy
 from pipelines.storage.images import write_image
 from pipelines.storage.provenance import make_stamp
 

@@ -8,7 +8,7 @@ import pytest
 from pipelines.errors import ValueRangeError
 from pipelines.grasp_files import grasp_rows
 from pipelines.grasp_files.grasp_rows import VERDICT_ARRAYS, write_verdicts
-from pipelines.storage.files import read_npz
+from pipelines.storage.array_files import read_npz
 from pipelines.storage.provenance import (
     is_finished,
     make_stamp,

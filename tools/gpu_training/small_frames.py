@@ -19,7 +19,7 @@ from pipelines.dataset.training import detector_frames
 from pipelines.dataset.training.detector_frames import DetectorFrame
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.pointcloud import Plane
-from pipelines.storage.files import write_npz
+from pipelines.storage.array_files import write_npz
 from pipelines.tabletop.depth_channels import SmallFrame
 
 DEPTH_STEP = 0.0005  # metres

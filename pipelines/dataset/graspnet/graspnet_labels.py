@@ -26,14 +26,8 @@ from pipelines.dataset.graspnet.graspnet_views import (
     view_rotations,
 )
 from pipelines.errors import FormatError
-from pipelines.storage.files import (
-    atomic_path,
-    existing,
-    read_npy,
-    read_npz,
-    write_npy,
-    write_npz,
-)
+from pipelines.storage.array_files import read_npy, read_npz, write_npy, write_npz
+from pipelines.storage.files import atomic_path, existing
 
 LABEL_GRID = (NUM_VIEWS, NUM_ANGLES, NUM_DEPTHS)
 LABEL_ARRAYS = ("points", "offsets", "collision", "scores")

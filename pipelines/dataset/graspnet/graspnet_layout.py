@@ -12,7 +12,7 @@ from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.graspnet_scene import read_object_ids, read_pose_array
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh
-from pipelines.storage.files import read_npy
+from pipelines.storage.array_files import read_npy
 from pipelines.storage.images import read_image
 
 SURROUNDINGS_FILE = "surroundings.npz"

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.array_types import Array
-from pipelines.storage.files import read_npz, write_npz
+from pipelines.storage.array_files import read_npz, write_npz
 from pipelines.storage.provenance import Stamp, write_sidecar
 
 DUMP_STATUSES = ("ok", "missing", "unreadable")

@@ -18,13 +18,13 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from pipelines.errors import FormatError
-from pipelines.storage.files import DAMAGED, existing
+from pipelines.storage.array_files import DAMAGED, NPY_MAGIC
+from pipelines.storage.files import existing
 
 MAX_VALUES = 1_000_000  # Python objects in containers; arrays' numbers do not count
 MAX_BYTES = 2**28  # read from a file; a longer pickle counts as damaged
 MAX_DEPTH = 20  # of containers within containers
 NUMBERS = re.compile(r"[biuf](?:1|2|4|8)")
-NPY_MAGIC = b"\x93NUMPY"
 EXPECTED = "numpy arrays of numbers in plain containers are read, nothing else"
 
 

@@ -24,7 +24,8 @@ from pipelines.frames.encodings.plain_pickle import read_plain_pickle
 from pipelines.frames.layouts.layout import FoundFrame, Layout
 from pipelines.frames.rgbd import Frame, make_frame
 from pipelines.frames.rgbd_folder import FrameOptions
-from pipelines.storage.files import DAMAGED, existing, read_npz
+from pipelines.storage.array_files import DAMAGED, read_npz
+from pipelines.storage.files import existing
 
 NAME = "Contact-GraspNet / 6-DOF GraspNet arrays"
 PICKLED_NAME = "Contact-GraspNet / 6-DOF GraspNet pickles"

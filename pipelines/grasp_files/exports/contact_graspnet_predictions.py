@@ -11,7 +11,7 @@ import numpy as np
 
 from pipelines.grasp_files.exports.grasp_exports import ExportHeader, FrameGrasps
 from pipelines.grasping.grasps import CLOSING_ALONG_X, gripper_poses
-from pipelines.storage.files import write_npz
+from pipelines.storage.array_files import write_npz
 
 # Metres from the origin of the Franka hand to the middle of the finger pads, where the contacts of
 # Contact-GraspNet's poses are.

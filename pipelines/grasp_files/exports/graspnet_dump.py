@@ -18,7 +18,7 @@ from pipelines.errors import FormatError
 from pipelines.frames.graspnet_scene import CAMERAS
 from pipelines.grasp_files.exports.grasp_exports import ExportHeader, FrameGrasps, frame_path
 from pipelines.grasping.grasps import to_graspnet
-from pipelines.storage.files import write_npy
+from pipelines.storage.array_files import write_npy
 
 WANTED = "DUMP/scene_NNNN/{kinect,realsense}/NNNN.npy is expected"
 

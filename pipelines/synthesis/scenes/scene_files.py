@@ -28,7 +28,8 @@ from pipelines.frames.graspnet_scene import (
 )
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import invert
-from pipelines.storage.files import atomic_folder, write_npy
+from pipelines.storage.array_files import write_npy
+from pipelines.storage.files import atomic_folder
 from pipelines.storage.images import write_image
 from pipelines.storage.provenance import Stamp, stamp_ahead, write_sidecar
 from pipelines.synthesis.labels.grasp_sampling import scene_collisions

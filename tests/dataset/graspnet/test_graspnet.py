@@ -15,7 +15,7 @@ from pipelines.frames.frames import find_frames
 from pipelines.frames.graspnet_scene import ObjectPose
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import make_pose, random_rotation
-from pipelines.storage.files import write_npy
+from pipelines.storage.array_files import write_npy
 from pipelines.storage.images import write_image
 
 CAMERA = Intrinsics(60.0, 61.0, 31.5, 23.5, 64, 48)

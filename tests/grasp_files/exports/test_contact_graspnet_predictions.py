@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from pipelines.grasp_files.exports import contact_graspnet_predictions as predictions
-from pipelines.storage.files import read_npz
+from pipelines.storage.array_files import read_npz
 from tests.grasp_files.exports.gripper_toys import random_frame
 
 DOCUMENT = Path(__file__).resolve().parents[3] / "docs/reference/formats.md"

@@ -12,7 +12,7 @@ from pipelines.metrics.graspnet.box_collision import (
     meets_points,
     voxel_means,
 )
-from pipelines.storage.files import read_npy, read_npz
+from pipelines.storage.array_files import read_npy, read_npz
 from tests.metrics.shapes import random_grasps
 
 

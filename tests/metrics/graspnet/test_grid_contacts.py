@@ -11,7 +11,7 @@ from pipelines.grasping.grasps import from_graspnet
 from pipelines.metrics.contacts import close_fingers
 from pipelines.metrics.force_closure import min_friction, on_grid
 from pipelines.metrics.graspnet.grid_contacts import close_fingers_on_grid
-from pipelines.storage.files import read_npy, read_npz
+from pipelines.storage.array_files import read_npy, read_npz
 from tests.metrics.shapes import ball, box, random_grasps
 
 PEER_GRID = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2)

@@ -87,9 +87,8 @@ def test_the_output_is_the_first_given_parameter(tmp_path):
     assert run(tmp_path / "a" / "x", folder=tmp_path / "b" / "y") == [".y.toy.lock"]
 
 
-def test_an_output_that_cannot_be_locked_is_written_without_a_lock(tmp_path):
-    (tmp_path / "file").touch()
-    with output_locked(tmp_path / "file" / "g.h5", "toy"):
+def test_an_output_that_cannot_be_locked_is_written_without_a_lock():
+    with output_locked(Path("/proc/none/g.h5"), "toy"):  # where nobody can make a folder
         pass
     with pytest.raises(SymgraspError, match="of unknown number"):
         raise OutputInUseError(Path("g.h5"), "toy", {})

@@ -451,7 +451,7 @@ def test_a_frame_without_a_table_has_no_limits_over_it(tmp_path):
 
 def test_a_result_that_cannot_be_written_does_not_mark_its_frame_as_failed(frames, tmp_path):
     output, overlays = tmp_path / "grasps.h5", tmp_path / "overlays"
-    overlays.write_text("a file, where a folder is wanted")
+    (overlays / "a.png").mkdir(parents=True)  # a folder, where a picture is wanted
     with pytest.raises(WriteError, match="cannot be written"):
         run(frames, output, overlays=overlays)
     assert not output.exists()

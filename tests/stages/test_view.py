@@ -167,7 +167,7 @@ def test_other_settings_and_other_folders_are_refused(grasps, tmp_path):
         run(grasps, tmp_path / "mine", options=replace(OPTIONS, overwrite=True))
     assert (tmp_path / "mine/index.html").read_text() == "my own page"
     (tmp_path / "file").write_text("x")
-    with pytest.raises(SymgraspError, match="no folder"):
+    with pytest.raises(SymgraspError, match="is a file"):
         run(grasps, tmp_path / "file")
 
 

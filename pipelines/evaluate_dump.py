@@ -77,7 +77,8 @@ def _evaluate_scene(root: GraspNetRoot, config: EvaluateDumpConfig, item: WorkIt
     write_dump_verdicts(item.target, frames, item.stamp)
     unknown = set(dumped.frame_ids) - {frame.frame_id for frame in frames}
     if unknown:
-        return f"{len(unknown)} dumped frames are not in the dataset and do not count"
+        skipped = " or are left out by --frame-stride" if config.frame_stride > 1 else ""
+        return f"{len(unknown)} dumped frames are not in the dataset{skipped} and do not count"
     return None
 
 
@@ -112,8 +113,13 @@ def _tally(items: Sequence[WorkItem], report: StageReport) -> DumpTally:
 
 
 def _sentence(faults: Sequence[str], absent: int, frames: int) -> str:
+    strided = absent >= frames / 2
+    hint = " (after `infer --frame-stride N`, evaluate with the same option)" if strided else ""
     counts = [
-        (absent, f"{absent} of {frames} frames are absent and count as frames without grasps"),
+        (
+            absent,
+            f"{absent} of {frames} frames are absent and count as frames without grasps{hint}",
+        ),
         (len(faults) - absent, f"{len(faults) - absent} of {frames} have rows that are no grasps"),
     ]
     more = f"; and {len(faults) - NAMED} more" if len(faults) > NAMED else ""

@@ -14,7 +14,7 @@ trained on. Planes and grasps each have a network on the points of a candidate.
 """
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from functools import lru_cache, partial
 from pathlib import Path
@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from pipelines.configs import EvaluateConfig, TrainCriticConfig
+from pipelines.configs import EvaluateConfig, InferConfig, TrainCriticConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.held_back import refuse_held_back
 from pipelines.dataset.scene_digests import inputs_of_scenes
@@ -45,10 +45,11 @@ from pipelines.learning.loop.runs import RunRequest, describe, find_progress
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.checkpoints import save_weights
-from pipelines.storage.files import existing, real_path
+from pipelines.storage.files import real_path
 from pipelines.storage.provenance import (
     Stamp,
     digest,
+    digest_if_there,
     digest_text,
     is_finished,
     make_stamp,
@@ -80,7 +81,7 @@ def run(
     _check_roots(kind, roots, held_out)
     start = _start(kind, init)
     started, paths = time.monotonic(), paths or ModelPaths()
-    weights = weights_used(kind, paths)
+    weights = weights_used(kind, paths, config.infer)
     items = {
         root: row_items(root, output, kind, config, request.seed, weights)
         for root in (*roots, *held_out)
@@ -151,19 +152,25 @@ def _name(root: Path) -> str:
     return real_path(root).name
 
 
-def weights_used(kind: CriticKind, paths: ModelPaths) -> dict[str, str]:
+def weights_used(kind: CriticKind, paths: ModelPaths, config: InferConfig) -> dict[str, str]:
     """Return the digests of the weights that candidates of `kind` are found with.
+
+    All weights in use are loaded, so that a wrong file is named once and not by every scene.
 
     Raises:
         MissingInputError: one of the files does not exist.
+        FormatError: one of the files holds weights of another model.
     """
-    written_by = {
-        "detector": models.DETECTOR_BY,
-        "network": models.NETWORK_BY,
-        "axis_critic": models.AXIS_CRITIC_BY,
-        "plane_critic": models.PLANE_CRITIC_BY,
+    load: dict[str, Callable[[Path], object]] = {
+        "network": lambda path: models.predictor(path, "cpu", config.mirrored),
+        "axis_critic": models.axis_critic,
+        "plane_critic": lambda path: models.symmetry_critics(paths.axis_critic, path),
     }
-    return {name: digest(existing(getattr(paths, name), written_by[name])) for name in kind.needs}
+    if config.regions != "geometric":
+        load["detector"] = lambda path: models.detector(path, "cpu")
+    for name in (name for name in kind.needs if name in load):
+        load[name](getattr(paths, name))
+    return {name: digest_if_there(getattr(paths, name)) for name in kind.needs}
 
 
 def row_items(

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from pipelines.configs import EvaluateConfig
+from pipelines.configs import EvaluateConfig, EvaluateDumpConfig
 from pipelines.configs.stages import EvaluateSettings, as_config
 from symgrasp_cli.arguments import Batch
 from symgrasp_cli.options import DatasetRoot, Seed, With
@@ -36,7 +36,9 @@ FurtherTables = Annotated[
 ]
 
 
-@with_settings("evaluate", named_as("graspnet.exact", "gripper", "min_visible_pixels"))
+@with_settings(
+    "evaluate", named_as("graspnet.exact", "graspnet.frame_stride", "gripper", "min_visible_pixels")
+)
 def evaluate(
     config: EvaluateSettings,
     grasps: Annotated[
@@ -77,7 +79,7 @@ def evaluate(
 
     refuse_other_suffix(out, ".json")
     needs_grasps = baselines or bool(success) or bool(table)
-    _refuse_mixtures(grasps, protocol, exact=config.graspnet.exact, needs_grasps=needs_grasps)
+    _refuse_mixtures(grasps, protocol, config.graspnet, needs_grasps=needs_grasps)
     if protocol == "graspnet":
         from pipelines import evaluate_dump
 
@@ -103,7 +105,9 @@ def evaluate(
     conclude(report, out, out.with_suffix(".html"), tables=tables_of(out) if written else ())
 
 
-def _refuse_mixtures(grasps: Path, protocol: str, *, exact: bool, needs_grasps: bool) -> None:
+def _refuse_mixtures(
+    grasps: Path, protocol: str, of_dumps: EvaluateDumpConfig, *, needs_grasps: bool
+) -> None:
     """Refuse options that do not go together: wrong usage, exit code 2."""
     if protocol not in PROTOCOLS:
         raise typer.BadParameter(f"{protocol!r} is not known; known are {', '.join(PROTOCOLS)}")
@@ -118,5 +122,9 @@ def _refuse_mixtures(grasps: Path, protocol: str, *, exact: bool, needs_grasps: 
         )
     if protocol != "graspnet" and grasps.is_dir():
         raise typer.BadParameter(f"{grasps} is a folder; give a grasps.h5, or --protocol graspnet")
-    if protocol != "graspnet" and exact:
+    if protocol != "graspnet" and of_dumps.exact:
         raise typer.BadParameter("--exact goes with --protocol graspnet; symgrasp is always exact")
+    if protocol != "graspnet" and of_dumps.frame_stride > 1:
+        raise typer.BadParameter(
+            "--frame-stride goes with --protocol graspnet; a grasps.h5 names its frames itself"
+        )

@@ -50,6 +50,7 @@ class EvaluateDumpConfig:
 
     exact: bool = choice(False, "Exact contacts and collisions in place of graspnetAPI's.", "D. 47")
     clip_width: float = setting(0.1, "m", CLIP_WIDTH, "graspnetAPI", low=0.001, high=1.0)
+    frame_stride: int = count(1, "Score every n-th frame, as `infer --frame-stride`.", "D. 46")
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,8 @@ def dump(pristine: Path, tmp_path: Path) -> Path:
 
 
 def run(dump: Path, root: GraspNetRoot, output: Path, **options) -> StageReport:
-    config = EvaluateDumpConfig(exact=options.pop("exact", False))
+    chosen = {name: options.pop(name) for name in ("exact", "frame_stride") if name in options}
+    config = EvaluateDumpConfig(**chosen)
     return evaluate_dump.run(
         dump, root.root, output, config, BatchOptions(progress=False, **options)
     )
@@ -143,6 +144,22 @@ def test_a_missing_frame_is_named_and_counts_as_a_frame_without_grasps(root, dum
     found = figures(tmp_path / "r.json", "seen")
     assert (found["frames"], found["frames_absent"]) == (2, 1)
     assert found["ap"] == pytest.approx(found["ap_present"] / 2.0)
+
+
+def test_with_a_stride_only_its_frames_count(root, dump, tmp_path):
+    for scene_id in (100, 160):
+        frame_file(dump, scene_id, 1).unlink()
+    every = run(dump, root, tmp_path / "every.json")
+    assert "--frame-stride N" in every.failed["scene_0100_realsense"]
+    assert run(dump, root, tmp_path / "r.json", frame_stride=2).exit_code == 0
+    found = figures(tmp_path / "r.json")
+    assert (found["frames"], found["frames_absent"]) == (2, 0)
+    assert found["ap"] == pytest.approx(figures(tmp_path / "every.json")["ap_present"])
+
+
+def test_a_dumped_frame_that_the_stride_leaves_out_does_not_count(root, dump, tmp_path):
+    assert run(dump, root, tmp_path / "r.json", frame_stride=2).exit_code == 0
+    assert figures(tmp_path / "r.json")["frames"] == 2
 
 
 @pytest.mark.parametrize("content", [np.zeros((3, 7)), np.zeros(17), np.array(["grasp"])])

@@ -11,7 +11,13 @@ from pipelines import train_critic
 from pipelines.configs import InferConfig, TrainCriticConfig
 from pipelines.dataset import object_list
 from pipelines.dataset.object_list import ObjectRecord
-from pipelines.errors import MissingInputError, StaleOutputError, SymgraspError, ValueRangeError
+from pipelines.errors import (
+    FormatError,
+    MissingInputError,
+    StaleOutputError,
+    SymgraspError,
+    ValueRangeError,
+)
 from pipelines.geometry.symmetry import REFLECTION_SLOTS, ROTATION_SLOT, SPHERE_SLOT
 from pipelines.grasping.ranking import critic_files
 from pipelines.inference import models
@@ -171,6 +177,13 @@ def test_earlier_critics_are_inputs_of_later_ones(roots, outputs, tmp_path):
     with pytest.raises(MissingInputError, match="symgrasp train-critic axes"):
         run("planes", roots, tmp_path / "x.safetensors", paths=paths)
     assert run("axes", roots, tmp_path / "x.safetensors", paths=paths).exit_code == 0
+
+
+def test_weights_of_another_model_are_named_before_any_scene(roots, outputs, tmp_path):
+    paths = replace(ModelPaths(), network=outputs["planes"])
+    with pytest.raises(FormatError, match=r"planes\.safetensors"):
+        run("planes", roots, tmp_path / "x.safetensors", paths=paths)
+    assert not list(tmp_path.iterdir())
 
 
 def test_wrong_roots_are_refused_in_a_sentence(roots, tmp_path):

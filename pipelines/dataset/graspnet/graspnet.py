@@ -26,7 +26,7 @@ from pipelines.dataset.graspnet.graspnet_layout import (
     SceneFiles,
     frame_key,
 )
-from pipelines.errors import FormatError, MissingInputError, SymgraspError, UnknownNameError
+from pipelines.errors import FormatError, SymgraspError, UnknownNameError
 from pipelines.frames.camera_files import CameraFile, read_camera_file
 from pipelines.frames.graspnet_scene import CAMERAS, ObjectPose, read_poses
 from pipelines.frames.rgbd import MISSING_DEPTH, DepthUnits, Frame, read_depth, read_pair
@@ -34,6 +34,7 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.storage.images import read_image, write_image
 from pipelines.storage.unfinished import refuse_unfinished
 
+ORIGIN = "roots are those of GraspNet-1Billion, or made by `symgrasp synthesize`"
 DEPTH_SCALE = 1000.0  # depth units per metre
 DEPTH_UNITS = DepthUnits(DEPTH_SCALE, DEPTH_SCALE, is_certain=True)
 
@@ -75,7 +76,8 @@ class GraspNetRoot:
         """Return the scene as seen by `camera`; by its first camera if None."""
         present = self.cameras(scene_id)
         if not present:
-            raise MissingInputError(self.scene_folder(scene_id), "symgrasp synthesize")
+            folder = self.scene_folder(scene_id)
+            raise SymgraspError(f"{folder} has no folder {' or '.join(CAMERAS)}; {ORIGIN}")
         camera = camera or present[0]
         if camera not in present:
             raise UnknownNameError(f"camera of scene {scene_id}", camera, present)
@@ -191,6 +193,6 @@ def write_label(path: Path, label: NDArray[np.integer]) -> None:
 
 def _numbers(folder: Path, pattern: str) -> list[int]:
     if not folder.is_dir():
-        raise MissingInputError(folder, "symgrasp synthesize")
+        raise SymgraspError(f"{folder} does not exist; {ORIGIN}")
     matches = (re.fullmatch(pattern, child.name) for child in folder.iterdir())
     return sorted(int(match[1]) for match in matches if match is not None)

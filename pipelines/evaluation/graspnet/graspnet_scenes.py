@@ -18,7 +18,7 @@ MAX_SKEW = 0.1  # largest error of the entries of a matrix that still counts as 
 def score_scene(
     root: GraspNetRoot, dumped: DumpedScene, config: EvaluateDumpConfig
 ) -> list[FrameVerdicts]:
-    """Return the verdicts on every frame of a scene of the dataset, in order.
+    """Return the verdicts on a scene's frames, in order: every n-th by `config.frame_stride`.
 
     Raises:
         SymgraspError: the dataset lacks the scene, its camera, its models or its poses.
@@ -30,7 +30,8 @@ def score_scene(
         raise SymgraspError(
             f"{files.camera_folder / 'annotations'} holds no poses; NNNN.xml of every frame"
         )
-    return [_score_frame(truth, dumped, i, config) for i in posed]
+    chosen = posed[:: config.frame_stride]
+    return [_score_frame(truth, dumped, i, config) for i in chosen]
 
 
 def _score_frame(

@@ -12,7 +12,7 @@ so an interrupted run continues. ROOT may be the input root: its models then sta
 
 import shutil
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
 
@@ -20,7 +20,6 @@ import numpy as np
 
 from pipelines.array_types import Singles
 from pipelines.configs import LabelConfig, LabelGraspsConfig
-from pipelines.dataset import object_list
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_labels import (
     join_grasp_labels,
@@ -30,13 +29,12 @@ from pipelines.dataset.graspnet.graspnet_labels import (
 from pipelines.dataset.graspnet.signed_distance import write_sdf
 from pipelines.dataset.meshes import (
     clean_mesh,
-    find_meshes,
     read_own_mesh,
     read_solid_mesh,
     smallness_warning,
     write_mesh,
 )
-from pipelines.dataset.object_list import ObjectRecord
+from pipelines.dataset.numbered_meshes import NumberedMesh, numbered_meshes, write_object_list
 from pipelines.errors import SymgraspError, ValueRangeError, WriteError
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.geometry.meshes.signed_distance import signed_distance_grid
@@ -58,24 +56,8 @@ from pipelines.synthesis.labels.collision_notes import collision_note
 from pipelines.synthesis.labels.grasp_sampling import LabelTarget, label_points
 
 STAGE = "label-grasps"
-MAX_IDS = 1000  # ids have three digits
 POINTS_A_PART = 32
 TAG_POINTS = 1  # purpose of a child seed
-
-
-@dataclass(frozen=True)
-class NumberedMesh:
-    """One mesh to label and its object id in ROOT."""
-
-    object_id: int
-    name: str
-    path: Path
-
-    @property
-    def title(self) -> str:
-        """Name of the object in reports."""
-        number = f"{self.object_id:03d}"
-        return number if self.name == number else f"{number} {self.name}"
 
 
 @one_run_at_a_time(STAGE, "output")
@@ -104,7 +86,7 @@ def run(
         raise ValueRangeError("--mesh-scale", mesh_scale, expected)
     if not in_place:
         refuse_unfinished(meshes)
-    sources = _sources(meshes, output)
+    sources = numbered_meshes(meshes, output)
     report = StageReport(STAGE)
     was_finished = not options.dry_run and mark_unfinished(output, STAGE)
     if in_place and mesh_scale is None:
@@ -113,7 +95,7 @@ def run(
         items = [_model_item(root, source, mesh_scale) for source in sources]
         sources = _run_step(report, sources, items, _write_model, options)
     if not in_place and not options.dry_run:
-        _write_object_list(meshes, output, sources)
+        write_object_list(meshes, output, sources, STAGE)
     if sdf and not options.dry_run:
         items = [_grid_item(root, source) for source in sources]
         sources = _run_step(report, sources, items, _write_grid, options)
@@ -148,45 +130,6 @@ def _run_step(
     part = run_batch(STAGE, items, step, options)
     report.add(replace(part, done=[], skipped=[]))
     return [source for source in sources if source.title not in part.failed]
-
-
-def _sources(meshes: Path, output: Path) -> list[NumberedMesh]:
-    """Return the meshes to label with their ids; meshes of objects.json keep their ids."""
-    if (meshes / "models").is_dir():
-        root = GraspNetRoot(meshes)
-        names = {record.object_id: record.name for record in _records(meshes)}
-        return [
-            NumberedMesh(i, names.get(i, f"{i:03d}"), root.model_path(i)) for i in root.object_ids()
-        ]
-    paths = find_meshes(meshes)
-    records = _records(output)
-    known = {str(r.details["file"]): r.object_id for r in records if "file" in r.details}
-    taken = {record.object_id for record in records}
-    free = iter([number for number in range(MAX_IDS) if number not in taken])
-    numbers = {path.name: known[path.name] for path in paths if path.name in known}
-    numbers |= dict(zip([p.name for p in paths if p.name not in known], free, strict=False))
-    if len(numbers) < len(paths):
-        raise ValueRangeError("number of meshes", f"above {MAX_IDS}", f"at most {MAX_IDS} a root")
-    return [NumberedMesh(numbers[path.name], path.stem, path) for path in paths]
-
-
-def _records(root: Path) -> list[ObjectRecord]:
-    path = root / "objects.json"
-    return object_list.read(path) if path.is_file() else []
-
-
-def _write_object_list(meshes: Path, output: Path, sources: Sequence[NumberedMesh]) -> None:
-    """Write ROOT/objects.json: its earlier records, and the objects of this run."""
-    records = {record.object_id: record for record in _records(output)}
-    described = {record.object_id: record for record in _records(meshes)}
-    for source in sources:
-        record = ObjectRecord(
-            source.object_id, source.name, source.name, "models", details={"file": source.path.name}
-        )
-        records[source.object_id] = described.get(source.object_id, record)
-    files = {f"{r.object_id:03d}": str(r.details.get("file", r.name)) for r in records.values()}
-    stamp = make_stamp(f"{STAGE} object list", {"files": files})
-    object_list.write(output / "objects.json", list(records.values()), stamp)
 
 
 def _model_item(root: GraspNetRoot, source: NumberedMesh, mesh_scale: float | None) -> WorkItem:

@@ -8,7 +8,8 @@ from typing import Any
 
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
-from pipelines.dataset.meshes import find_meshes, read_own_mesh
+from pipelines.dataset.mesh_folders import find_meshes
+from pipelines.dataset.meshes import read_own_mesh
 from pipelines.dataset.symmetry.bop_models_info import ModelInfo, object_key
 from pipelines.dataset.symmetry.symmetry_edits import ObjectEdits
 from pipelines.errors import SymgraspError

@@ -7,10 +7,9 @@ stages that write a mesh.
 
 import io
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +32,6 @@ UNREAD_SUFFIXES = (
     *(".x3d", ".wrl", ".vtk", ".vtp", ".ctm", ".abc"),
 )
 CONVERSION = "convert them: STEP and IGES by `gmsh NAME.step -2 -o NAME.stl`, others in Blender"
-MOST_NAMED, MOST_LOOKED_AT = 5, 200
 LARGEST_LIKELY_DIAGONAL = 2.0  # metres; graspable objects are smaller, files in mm are larger
 SMALLEST_DIAGONAL = 0.005  # metres; no gripper holds and no depth camera sees a smaller object
 MAX_MESH_BYTES = 2**29
@@ -111,12 +109,13 @@ def solid(mesh: Mesh, path: Path) -> Mesh:
     """Return the mesh of `path` with all triangles turned to face outward; the count is logged."""
     mesh, turned = turned_outward(mesh)
     if turned:
-        _warn_once(path, turned)
+        warn_once(path, turned)
     return mesh
 
 
 @lru_cache  # a dataset's model is read for each scene
-def _warn_once(path: Path, sentence: str) -> None:
+def warn_once(path: Path, sentence: str) -> None:
+    """Log `sentence` on `path` as a warning, once per process."""
     log.warning("%s: %s", path, sentence)
 
 
@@ -195,54 +194,6 @@ def write_mesh(path: Path, mesh: Mesh) -> None:
             write_bytes(path, _obj_text(mesh).encode("ascii"))
         case suffix:
             raise UnknownNameError("mesh format to write", suffix, (".obj", ".ply"))
-
-
-def find_meshes(source: Path) -> list[Path]:
-    """List the mesh files in the folder `source`, sorted by name; or `source` if it is a mesh.
-
-    Raises:
-        SymgraspError: the folder or file does not exist, or contains no mesh.
-    """
-    if not source.exists():
-        raise SymgraspError(f"{source} does not exist; give a mesh, a folder of meshes or a root")
-    if not source.is_dir():
-        return [source]
-    files = sorted(file for file in source.iterdir() if not file.name.startswith("."))
-    meshes = [file for file in files if file.suffix.lower() in MESH_SUFFIXES]
-    passed_over = _passed_over(files)
-    if not meshes:
-        kinds = ", ".join(MESH_SUFFIXES)
-        found = "; ".join([f"{source} holds no meshes", *passed_over])
-        raise SymgraspError(f"{found}; files ending in {kinds} are read")
-    for sentence in passed_over:
-        _warn_once(source, sentence)
-    return meshes
-
-
-def _passed_over(files: Sequence[Path]) -> list[str]:
-    """Return sentences about files of unread mesh formats, and about subfolders with meshes."""
-    others = [file for file in files if file.suffix.lower() in UNREAD_SUFFIXES]
-    folders = [file for file in files if file.is_dir() and _holds_meshes(file)]
-    sentences = []
-    if others:
-        count = f"{len(others)} files" if len(others) > 1 else "1 file"
-        found = f"{count} of formats that are not read: {_some(others)}"
-        sentences.append(f"{found}; {CONVERSION}")
-    if folders:
-        found = f"meshes of subfolders are not read: {_some(folders)}"
-        sentences.append(f"{found}; give each by name")
-    return sentences
-
-
-def _holds_meshes(folder: Path) -> bool:
-    suffixes = {file.suffix.lower() for file in islice(folder.iterdir(), MOST_LOOKED_AT)}
-    return bool(suffixes & {*MESH_SUFFIXES, *UNREAD_SUFFIXES})
-
-
-def _some(paths: Sequence[Path]) -> str:
-    names = ", ".join(path.name for path in paths[:MOST_NAMED])
-    rest = len(paths) - MOST_NAMED
-    return names if rest <= 0 else f"{names} and {rest} more"
 
 
 def _load(path: Path) -> trimesh.Trimesh:

@@ -9,9 +9,9 @@ import trimesh
 from numpy.testing import assert_allclose, assert_array_equal
 
 from pipelines.dataset import meshes
+from pipelines.dataset.mesh_folders import find_meshes
 from pipelines.dataset.meshes import (
     clean_mesh,
-    find_meshes,
     read_mesh,
     read_own_mesh,
     refuse_too_small,

@@ -34,7 +34,7 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.storage.images import read_image, write_image
 from pipelines.storage.unfinished import refuse_unfinished
 
-ORIGIN = "roots are those of GraspNet-1Billion, or made by `symgrasp synthesize`"
+ORIGIN_OF_ROOTS = "roots are those of GraspNet-1Billion, or made by `symgrasp synthesize`"
 DEPTH_SCALE = 1000.0  # depth units per metre
 DEPTH_UNITS = DepthUnits(DEPTH_SCALE, DEPTH_SCALE, is_certain=True)
 
@@ -77,7 +77,7 @@ class GraspNetRoot:
         present = self.cameras(scene_id)
         if not present:
             folder = self.scene_folder(scene_id)
-            raise SymgraspError(f"{folder} has no folder {' or '.join(CAMERAS)}; {ORIGIN}")
+            raise SymgraspError(f"{folder} has no folder {' or '.join(CAMERAS)}; {ORIGIN_OF_ROOTS}")
         camera = camera or present[0]
         if camera not in present:
             raise UnknownNameError(f"camera of scene {scene_id}", camera, present)
@@ -193,6 +193,6 @@ def write_label(path: Path, label: NDArray[np.integer]) -> None:
 
 def _numbers(folder: Path, pattern: str) -> list[int]:
     if not folder.is_dir():
-        raise SymgraspError(f"{folder} does not exist; {ORIGIN}")
+        raise SymgraspError(f"{folder} does not exist; {ORIGIN_OF_ROOTS}")
     matches = (re.fullmatch(pattern, child.name) for child in folder.iterdir())
     return sorted(int(match[1]) for match in matches if match is not None)

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.mesh_folders import find_meshes
 from pipelines.dataset.meshes import (
-    find_meshes,
     read_own_mesh,
     refuse_too_small,
     solid,

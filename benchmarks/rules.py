@@ -21,7 +21,7 @@ from pipelines.errors import UnknownNameError
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SymmetrySlots
 from pipelines.grasping.passes import Pass
 from pipelines.grasping.planner import RegionPlanner
-from pipelines.grasping.symmetries.grounding import starting_axes
+from pipelines.grasping.symmetries.axis_candidates import starting_axes
 from pipelines.grasping.symmetries.plane_candidates import candidate_planes
 
 Kind = TypeVar("Kind")
@@ -38,7 +38,7 @@ RANKING = "selection.ranking."
 GRASPING = "pipelines.grasping."
 PLANAR = f"{GRASPING}candidates.planar."
 FITS = f"{GRASPING}symmetries."
-AXES = "grounding.starting_axes"
+AXES = "axis_evidence.starting_axes"
 PLANES = "plane_evidence.candidate_planes"
 FACES = "plane_candidates.face_directions"
 LEVEL = "plane_candidates.level_directions"

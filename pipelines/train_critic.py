@@ -8,9 +8,6 @@ Writes  NAME.safetensors                weights with the name of every feature, 
         NAME.checkpoint.safetensors     everything that `--resume` needs
         NAME.curves.png, NAME.logs/     loss and figures along the steps
         NAME.fault.safetensors          the batch, if a loss was not finite
-
-Axes and spheres each have a regression, fitted to ROOT, which must hold objects that no network was
-trained on. Planes and grasps each have a network on the points of a candidate.
 """
 
 import time
@@ -21,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from pipelines.configs import EvaluateConfig, InferConfig, TrainCriticConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
@@ -31,27 +27,23 @@ from pipelines.dataset.training.region_frames import strided_frames
 from pipelines.errors import ValueRangeError
 from pipelines.evaluation.truth import TruthReader
 from pipelines.grasping.ranking import critic_files
-from pipelines.grasping.ranking.point_critic import PointCritic
 from pipelines.inference import models
 from pipelines.learning.critics import critic_rows, critic_training
 from pipelines.learning.critics.collecting import Collector, ModelPaths
 from pipelines.learning.critics.critic_rows import CriticRows
 from pipelines.learning.critics.critic_training import CriticTraining
 from pipelines.learning.critics.kinds import CRITIC_KINDS, CriticKind
-from pipelines.learning.critics.logistic import fit_axis_critic
 from pipelines.learning.loop.faults import read_fault
 from pipelines.learning.loop.loop import TrainingRun
 from pipelines.learning.loop.runs import RunRequest, describe, find_progress
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
-from pipelines.storage.checkpoints import save_weights
 from pipelines.storage.files import real_path
 from pipelines.storage.provenance import (
     Stamp,
     digest,
     digest_if_there,
     digest_text,
-    is_finished,
     make_stamp,
     refuse_other_suffix,
 )
@@ -78,8 +70,8 @@ def run(
     critic to start from.
     """
     refuse_other_suffix(output, ".safetensors")
-    _check_roots(kind, roots, held_out)
-    start = _start(kind, init)
+    _check_roots(roots, held_out)
+    start = None if init is None else critic_files.read_point_critic(init, kind.model)
     started, paths = time.monotonic(), paths or ModelPaths()
     weights = weights_used(kind, paths, config.infer)
     items = {
@@ -87,28 +79,19 @@ def run(
         for root in (*roots, *held_out)
     }
     stamp = _stamp(kind, items, held_out, init, config, request.seed)
-    if kind.is_network:
-        earlier = find_progress(output, stamp, request)
-        is_done = earlier is not None and earlier.finished
-    else:
-        earlier, is_done = None, is_finished(output, stamp, overwrite=request.overwrite)
-    if is_done:
+    earlier = find_progress(output, stamp, request)
+    if earlier is not None and earlier.finished:
         return StageReport(STAGE, skipped=[output.name])
     step = partial(collect_scene, kind=kind, paths=paths, config=config, seed=request.seed)
     scenes = [each for group in items.values() for each in group]
     report = run_batch(STAGE, scenes, step, options or BatchOptions())
     if report.failed:
         return report
-    rows = _read(roots, items)
-    if kind.is_network:
-        trainee = CriticTraining(
-            kind, rows, _read(held_out, items), config, request.seed, start=start
-        )
-        metadata = critic_files.metadata_of(kind.model)
-        training = TrainingRun(trainee, config, request, output, stamp, metadata)
-        note = _trained(training, trainee, resumes=earlier is not None)
-    else:
-        note = _regress(kind, rows, output, stamp)
+    rows, held = _read(roots, items), _read(held_out, items)
+    trainee = CriticTraining(kind, rows, held, config, request.seed, start=start)
+    metadata = critic_files.metadata_of(kind.model)
+    training = TrainingRun(trainee, config, request, output, stamp, metadata)
+    note = _trained(training, trainee, resumes=earlier is not None)
     return StageReport(
         STAGE, [output.name], notes={output.name: note}, seconds=time.monotonic() - started
     )
@@ -120,32 +103,16 @@ def replay(fault: Path) -> dict[str, float]:
     return critic_training.replay(kept, CRITIC_KINDS[kept.settings["kind"]])
 
 
-def _check_roots(kind: CriticKind, roots: Sequence[Path], held_out: Sequence[Path]) -> None:
-    """Raise SymgraspError unless the roots suit the kind of critic and may be used."""
+def _check_roots(roots: Sequence[Path], held_out: Sequence[Path]) -> None:
+    """Raise SymgraspError unless the roots differ, some are held out, and all may be used."""
     names = [_name(root) for root in (*roots, *held_out)]
     if len(names) != len(set(names)):
         raise ValueRangeError("roots", ", ".join(names), "folders of different names")
-    if kind.is_network and not held_out:
+    if not held_out:
         needed = "a dataset of objects that no network was trained on"
         raise ValueRangeError("--calibrate", "not given", needed)
-    if held_out and not kind.is_network:
-        raise ValueRangeError("--calibrate", held_out[0], f"left out: {kind.name} need none")
     for root in (*roots, *held_out):
         refuse_held_back(GraspNetRoot(root))
-
-
-def _start(kind: CriticKind, init: Path | None) -> PointCritic | None:
-    """Return the critic to start from, None for random weights.
-
-    Raises:
-        ValueRangeError: critics of this kind are fitted in one step, without a start.
-        FormatError: `init` holds no critic of this kind.
-    """
-    if init is None:
-        return None
-    if not kind.is_network:
-        raise ValueRangeError("--init", init, f"left out: {kind.name} are fitted in one step")
-    return critic_files.read_point_critic(init, kind.model)
 
 
 def _name(root: Path) -> str:
@@ -253,11 +220,3 @@ def _trained(training: TrainingRun, trainee: CriticTraining, *, resumes: bool) -
         training.resume()
     counts = f"{len(trainee.rows)} and {len(trainee.held)} candidates"
     return f"{counts}; {describe(training.run())}"
-
-
-def _regress(kind: CriticKind, rows: CriticRows, output: Path, stamp: Stamp) -> str:
-    """Fit the regressions of axes and spheres to `rows`; return a note."""
-    critic = fit_axis_critic(rows)
-    tensors = {name: torch.from_numpy(each) for name, each in vars(critic).items()}
-    save_weights(output, tensors, critic_files.metadata_of(kind.model), stamp)
-    return f"{len(rows)} candidates, {rows.truth.mean():.0%} true"

@@ -27,23 +27,22 @@ def train_critic(
         typer.Argument(
             exists=True,
             file_okay=False,
-            help="Dataset roots with scenes/ and symmetry/ to learn from. For axes: with objects "
-            "that neither network was trained on.",
+            help="Dataset roots with scenes/ and symmetry/ to learn from, best with objects that "
+            "neither network was trained on.",
         ),
     ],
     *,
     out: WeightsToWrite,
     calibrate: Annotated[
-        list[Path] | None,
+        list[Path],
         typer.Option(
             exists=True,
             file_okay=False,
-            help="Dataset root of objects that no network was trained on, for planes and grasps; "
-            "may be given again.",
+            help="Dataset root of objects that no network was trained on; may be given again.",
         ),
-    ] = None,
+    ],
     init: Annotated[
-        Path | None, typer.Option(exists=True, help="Critic of planes or grasps to start from.")
+        Path | None, typer.Option(exists=True, help="Critic of the same kind to start from.")
     ] = None,
     models: SymmetryModels,
     request: CpuRun,
@@ -62,7 +61,7 @@ def train_critic(
         out,
         config,
         request,
-        held_out=calibrate or (),
+        held_out=calibrate,
         init=init,
         paths=paths,
         options=options,

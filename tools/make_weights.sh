@@ -86,7 +86,8 @@ for seed in $CRITIC_SEEDS; do
     root "critic$seed" train "$CRITIC_SCENES" "$HELD_VIEWS" "$OBJECTS" 4 "$seed"
     CRITIC_ROOTS="$CRITIC_ROOTS $DATA/critic$seed"
 done
-$SYMGRASP train-critic axes "$DATA/held" --out "$FOLDER/axis_critic.safetensors" $NETWORKS $CRITIC
+$SYMGRASP train-critic axes $CRITIC_ROOTS --calibrate "$DATA/held" \
+    --out "$FOLDER/axis_critic.safetensors" $NETWORKS $CRITIC --resume
 AXES="--axis-critic $FOLDER/axis_critic.safetensors"
 $SYMGRASP train-critic planes $CRITIC_ROOTS --calibrate "$DATA/held" \
     --out "$FOLDER/plane_critic.safetensors" $NETWORKS $AXES $CRITIC --resume

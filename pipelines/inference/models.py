@@ -15,8 +15,8 @@ import cv2
 from threadpoolctl import OpenBLASController, ThreadpoolController
 
 from pipelines.grasping.ranking import critic_files
+from pipelines.grasping.ranking.point_critic import PointCritic
 from pipelines.grasping.ranking.ranking import Critic, expected_quality
-from pipelines.grasping.symmetries.axis_critic import AxisCritic
 from pipelines.grasping.symmetries.grounding import SymmetryCritics
 from pipelines.storage.files import existing
 
@@ -74,9 +74,9 @@ def predictor(path: Path, device: str, mirrored: bool = False) -> GraspPredictor
 
 
 @_once
-def axis_critic(path: Path = AXIS_CRITIC_WEIGHTS) -> AxisCritic:
+def axis_critic(path: Path = AXIS_CRITIC_WEIGHTS) -> PointCritic:
     """Return the critic of axes and spheres of the weights `path`."""
-    return critic_files.read_axis_critic(existing(path, AXIS_CRITIC_BY))
+    return critic_files.read_point_critic(existing(path, AXIS_CRITIC_BY), critic_files.AXES)
 
 
 @_once

@@ -31,9 +31,12 @@ from pipelines.evaluation.records import (
 )
 from pipelines.evaluation.reports import write_report
 from pipelines.evaluation.tallies import ReportTally
+from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasping import planner
-from pipelines.grasping.symmetries.grounding import starting_axes
+from pipelines.grasping.scene import SceneCloud
+from pipelines.grasping.symmetries.axis_candidates import starting_axes
+from pipelines.grasping.symmetries.region_evidence import RegionEvidence
 from pipelines.metrics.grasp_verdicts import Verdict
 from pipelines.metrics.paired_bootstrap import Difference
 from pipelines.runtime.batch import StageReport
@@ -148,8 +151,10 @@ def test_left_out_candidates_are_missing_from_the_proposals():
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     slots = SymmetrySlots.of(())
     slots.probability[:], slots.point[:], slots.direction[:] = 1.0, 0.0, [0.0, 0.0, 1.0]
-    every, sources = starting_axes(slots, points, normals, None)
-    fewer, kept = axes_without([0])(slots, points, normals, None)
+    scene = SceneCloud(np.zeros((48, 64)), Intrinsics(60.0, 60.0, 31.5, 23.5, 64, 48), None)
+    region = RegionEvidence(slots, points, normals, scene.depth > 0, scene)
+    every, sources = starting_axes(region)
+    fewer, kept = axes_without([0])(region)
     assert [axis.direction.tolist() for axis in fewer] == [
         axis.direction.tolist() for axis in every[1:]
     ]

@@ -1,4 +1,4 @@
-"""Weights files of the critics (D. 31, D. 80, D. 82): safetensors that name every feature."""
+"""Weights files of the critics (D. 80, D. 82, D. 148): safetensors that name every feature."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,13 +10,14 @@ from pipelines.contents import json_object
 from pipelines.errors import FormatError
 from pipelines.grasping.ranking import grasp_features
 from pipelines.grasping.ranking.point_critic import FeatureNames, PointCritic
-from pipelines.grasping.symmetries import axis_critic, mirror_views, plane_evidence
-from pipelines.grasping.symmetries.axis_critic import AxisCritic
+from pipelines.grasping.symmetries import axis_evidence, mirror_views, plane_evidence
 from pipelines.storage.checkpoints import load_arrays
 
 AXES, PLANES, GRASPS = "AxisCritic", "PlaneCritic", "GraspCritic"  # `model` of the metadata
 FEATURES = {
-    AXES: FeatureNames((), (), axis_critic.FEATURES),
+    AXES: FeatureNames(
+        axis_evidence.POINT_FEATURES, axis_evidence.AXIS_FEATURES, axis_evidence.FEATURES
+    ),
     PLANES: FeatureNames(
         mirror_views.POINT_FEATURES, mirror_views.PLANE_FEATURES, plane_evidence.FEATURES
     ),
@@ -35,22 +36,12 @@ def metadata_of(model: str) -> dict[str, str]:
 
 
 def read_point_critic(path: Path, model: str) -> PointCritic:
-    """Read the weights of `model`, `PLANES` or `GRASPS`.
+    """Read the weights of `model`: `AXES`, `PLANES` or `GRASPS`.
 
     Raises:
         FormatError: the file holds no weights of this critic, or has other features.
     """
     return PointCritic(FEATURES[model], _read(path, model, FEATURES[model].weight_shapes()))
-
-
-def read_axis_critic(path: Path) -> AxisCritic:
-    """Read the weights of the critic of axes and spheres.
-
-    Raises:
-        FormatError: the file holds no weights of this critic, or has other features.
-    """
-    size = (1 + len(axis_critic.FEATURES),)
-    return AxisCritic(**_read(path, AXES, dict.fromkeys(axis_critic.KINDS, size)))
 
 
 def _read(

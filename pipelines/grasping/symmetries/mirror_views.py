@@ -1,4 +1,4 @@
-"""Features of mirror planes for the plane critic: seen points and their mirror images.
+"""Features of mirror planes for the critics: seen points and their mirror images.
 
 Each point is given in the plane's axes (normal, up in the plane, across), with the position of its
 mirror image: on or off the seen surface, behind or in front of the measured surface, above or
@@ -95,6 +95,23 @@ class MirrorImages:
         sides = quantiles(normal @ points.T, (ENDS[0], 0.5, ENDS[1])) - offset[:, None]
         return cls(points, normals, moved, images, distance, *met, sides)
 
+    def features(self, frames: Array, foot: Array, mask: Mask, scene: SceneCloud) -> Singles:
+        """Return the `POINT_FEATURES` (k, m, 14) of points under each plane.
+
+        Args:
+            frames: (k, 3, 3) normal, up and across of each plane.
+            foot: (k, 3) origins of the frames, on the planes.
+            mask: (H, W) the region's pixels.
+            scene: measured depth and table.
+        """
+        flat, table = self.images.reshape(-1, 3), np.zeros(4)
+        if scene.plane is not None:
+            table[:3], table[3] = scene.plane.normal, scene.plane.offset
+        seen = self.points[self.moved], self.normals[self.moved]
+        met = self.images, self.distance, self.gap, self.agreement
+        projected = *scene.intrinsics.pixels_of(flat), scene.depth, mask
+        return _rows(frames, foot, seen, met, projected, table)
+
 
 def plane_features(planes: list[ReflectionSymmetry], region: Array, scene: SceneCloud) -> Singles:
     """Return the `PLANE_FEATURES` (k, 3) of planes of a region with points (n, 3)."""
@@ -112,14 +129,7 @@ def point_features(
 
     `mask`: (H, W) the region's pixels.
     """
-    axes, foot = _plane_axes(planes, mirrored, scene)
-    flat, table = mirrored.images.reshape(-1, 3), np.zeros(4)
-    if scene.plane is not None:
-        table[:3], table[3] = scene.plane.normal, scene.plane.offset
-    seen = mirrored.points[mirrored.moved], mirrored.normals[mirrored.moved]
-    met = mirrored.images, mirrored.distance, mirrored.gap, mirrored.agreement
-    projected = *scene.intrinsics.pixels_of(flat), scene.depth, mask
-    return _rows(axes, foot, seen, met, projected, table)
+    return mirrored.features(*_plane_axes(planes, mirrored, scene), mask, scene)
 
 
 def _plane_axes(
@@ -173,7 +183,7 @@ def _rows(
     projected: Projected,
     table: Array,
 ) -> Singles:
-    """Return the result of `point_features`.
+    """Return the result of `MirrorImages.features`.
 
     Args:
         axes: (k, 3, 3) axes of the planes.

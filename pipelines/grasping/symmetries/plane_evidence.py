@@ -4,30 +4,25 @@ A true plane is in the middle and maps the seen surface onto or behind seen surf
 observed free space. The plane critic, a `PointCritic`, turns this evidence into a probability.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from pipelines.array_types import Array, Indices, Mask, Singles
+from pipelines.array_types import Array, Indices, Singles
 from pipelines.geometry.numerics.fitting_sums import MATCH_NORMAL
 from pipelines.geometry.symmetry import (
     REFLECTION_SLOTS,
     ReflectionSymmetry,
     RotationSymmetry,
-    SymmetrySlots,
 )
 from pipelines.geometry.symmetry_fitting import fit_reflections
 from pipelines.grasping.ranking.point_critic import PointCritic
-from pipelines.grasping.scene import SceneCloud
 from pipelines.grasping.symmetries.mirror_views import MirrorImages, plane_features, point_features
 from pipelines.grasping.symmetries.observed_frustum import in_observed_frustum
 from pipelines.grasping.symmetries.plane_candidates import (
-    NETWORK,
-    SHAPE,
     candidate_planes,
     merged_planes,
     region_top,
 )
+from pipelines.grasping.symmetries.region_evidence import RegionEvidence
 
 # All chosen by eye, except RIVALS (D. 65); the shipped weights were trained with these values.
 BESIDE = 0.008  # metres to the nearest seen point, from which an image is next to the surface
@@ -53,37 +48,14 @@ FEATURES = (
 )
 
 
-@dataclass(frozen=True)
-class RegionEvidence:
-    """Inputs for fitting and evaluating the planes of a region. Camera frame, metres.
-
-    Attributes:
-        slots: the network's symmetries.
-        axis: the region's most likely rotation axis.
-        points: (n, 3) of the region.
-        normals: (n, 3) unit.
-        mask: (H, W) pixels of the region.
-        scene: measured points and table.
-        allowed: sources of planes to use.
-    """
-
-    slots: SymmetrySlots
-    axis: RotationSymmetry
-    points: Array
-    normals: Array
-    mask: Mask
-    scene: SceneCloud
-    allowed: int = NETWORK | SHAPE
-
-
 def likely_planes(
-    region: RegionEvidence, critic: PointCritic
+    region: RegionEvidence, axis: RotationSymmetry, critic: PointCritic
 ) -> list[tuple[ReflectionSymmetry, float, int]]:
     """Return at most three distinct planes, the most likely first.
 
-    Each plane comes with its confidence and its source.
+    Each plane comes with its confidence and its source. `axis`: the region's most likely axis.
     """
-    planes, sources = fitted_planes(region)
+    planes, sources = fitted_planes(region, axis)
     confidence = critic.probability(*critic_inputs(planes, region))
     order = np.argsort(-confidence, kind="stable")
     chosen, _ = merged_planes([planes[i] for i in order], sources[order], RIVALS, np.inf)
@@ -91,15 +63,15 @@ def likely_planes(
     return [(plane, *scored[id(plane)]) for plane in chosen[: len(REFLECTION_SLOTS)]]
 
 
-def fitted_planes(region: RegionEvidence) -> tuple[list[ReflectionSymmetry], Indices]:
+def fitted_planes(
+    region: RegionEvidence, axis: RotationSymmetry
+) -> tuple[list[ReflectionSymmetry], Indices]:
     """Return all k candidate planes, their fits to the seen surface, and the sources.
 
-    Alike planes are merged, with the sources of all.
+    Alike planes are merged, with the sources of all. `axis`: the region's most likely axis.
     """
     points, normals, table = region.points, region.normals, region.scene.plane
-    starts, sources = candidate_planes(
-        region.slots, region.axis, points, normals, table, region.allowed
-    )
+    starts, sources = candidate_planes(region.slots, axis, points, normals, table, region.allowed)
     fits = fit_reflections(starts, points, normals)
     better = [ReflectionSymmetry(fit.direction, fit.point) for fit in fits]
     return merged_planes([*starts, *better], np.concatenate([sources, sources]), *SAME_FIT)

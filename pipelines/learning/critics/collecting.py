@@ -21,24 +21,14 @@ from pipelines.grasping.passes import RegionModel
 from pipelines.grasping.planner import MIN_POINTS, RegionPlanner
 from pipelines.grasping.ranking.grasp_features import GraspFeatures
 from pipelines.grasping.scene import SceneCloud
-from pipelines.grasping.symmetries.grounding import (
-    Evidence,
-    Fitted,
-    axis_evidence,
-    fitted_points,
-    sphere_evidence,
-)
-from pipelines.grasping.symmetries.plane_evidence import (
-    RegionEvidence,
-    critic_inputs,
-    fitted_planes,
-)
+from pipelines.grasping.symmetries import axis_evidence, plane_evidence
+from pipelines.grasping.symmetries.region_evidence import RegionEvidence
 from pipelines.inference import models
 from pipelines.inference.observation import observe
 from pipelines.inference.predicted_regions import PredictedRegion, predicted_regions, region_models
 from pipelines.learning.critics.critic_rows import CriticRows
 from pipelines.learning.critics.kinds import CriticKind
-from pipelines.learning.critics.truth import axis_truth, plane_truth
+from pipelines.learning.critics.truth import symmetry_truth
 from pipelines.metrics.grasp_verdicts import TrueScene, qualities
 from pipelines.metrics.symmetry_matching import TrueRegion
 
@@ -123,24 +113,25 @@ class Collector:
     def _axes(self, frame: ObservedFrame) -> Iterator[CriticRows]:
         """Yield the fitted axes of each region, and its sphere."""
         for region, truth in zip(frame.regions, frame.truths, strict=True):
-            points, normals = fitted_points(region.cloud)
-            axes = axis_evidence(region.slots, points, normals, frame.scene)
-            sphere = sphere_evidence(region.slots, points, normals, frame.scene)
-            yield _evidence_rows(axes, truth, ROTATION_SLOT)
-            yield _evidence_rows(sphere, truth, SPHERE_SLOT)
+            evidence = RegionEvidence.of(region.slots, region.cloud, frame.scene)
+            fitted = axis_evidence.fitted_axes(evidence)
+            true = np.array([symmetry_truth(each, truth) for each in fitted.symmetries])
+            slot = np.full(len(true), ROTATION_SLOT)
+            slot[-1] = SPHERE_SLOT
+            inputs = axis_evidence.critic_inputs(fitted, evidence)
+            yield CriticRows.of_group(*inputs, true, slot)
 
     def _planes(self, frame: ObservedFrame) -> Iterator[CriticRows]:
         """Yield the fitted planes of each region."""
-        axes = models.axis_critic(self.paths.axis_critic)
+        critic = models.axis_critic(self.paths.axis_critic)
         for region, truth in zip(frame.regions, frame.truths, strict=True):
-            points, normals = fitted_points(region.cloud)
-            axis = axis_evidence(region.slots, points, normals, frame.scene).best(axes)[0]
-            mask = region.cloud.mask
-            evidence = RegionEvidence(region.slots, axis, points, normals, mask, frame.scene)
-            planes = fitted_planes(evidence)[0]
-            true = np.array([plane_truth(plane, truth) for plane in planes])
+            evidence = RegionEvidence.of(region.slots, region.cloud, frame.scene)
+            axis = axis_evidence.likely_axis_and_sphere(evidence, critic)[0][0]
+            planes = plane_evidence.fitted_planes(evidence, axis)[0]
+            true = np.array([symmetry_truth(plane, truth) for plane in planes])
             slot = np.full(len(planes), REFLECTION_SLOTS[0])
-            yield CriticRows.of_group(*critic_inputs(planes, evidence), true, slot)
+            inputs = plane_evidence.critic_inputs(planes, evidence)
+            yield CriticRows.of_group(*inputs, true, slot)
 
     def _grasps(self, frame: ObservedFrame, rng: np.random.Generator) -> Iterator[CriticRows]:
         """Yield some feasible grasps of each pass at each region on an object.
@@ -185,10 +176,3 @@ class Collector:
         feasibility = Feasibility.at(model.cloud, scene, self.gripper, selection.feasibility, cap)
         feasibility = feasibility.with_unseen(unseen.others).with_unseen(unseen.own)
         return with_opening_margin(features.feasible, feasibility, cap).grasps
-
-
-def _evidence_rows(evidence: Evidence[Fitted], truth: TrueRegion, slot: int) -> CriticRows:
-    count = len(evidence.symmetries)
-    true = np.array([axis_truth(each, truth.symmetries) for each in evidence.symmetries])
-    nothing = np.zeros((count, 0, 0)), np.zeros((count, 0))
-    return CriticRows.of_group(*nothing, evidence.rows, true, np.full(count, slot))

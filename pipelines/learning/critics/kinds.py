@@ -1,4 +1,4 @@
-"""The kinds of critics: their features, their points, and how each is fitted."""
+"""The kinds of critics: their features, their points, and the models that they need."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -7,7 +7,7 @@ from pipelines.errors import UnknownNameError
 from pipelines.grasping.ranking import critic_files, grasp_features
 from pipelines.grasping.ranking.grasp_features import GraspPointFeature
 from pipelines.grasping.ranking.point_critic import FeatureNames
-from pipelines.grasping.symmetries import mirror_views
+from pipelines.grasping.symmetries import axis_evidence, mirror_views
 from pipelines.grasping.symmetries.mirror_views import PlanePointFeature
 
 KindName = Literal["axes", "planes", "grasps"]
@@ -21,7 +21,7 @@ class CriticKind:
         name: axes, planes or grasps.
         model: name of the critic in its weights file.
         needs: models whose candidates the critic learns from, as named in `ModelPaths`.
-        num_points: number of points of a candidate; 0 for regressions without points.
+        num_points: number of points of a candidate.
         mirrored: columns of the points that may all change sign together.
         chooses: whether the critic also learns to choose among the candidates of a group.
     """
@@ -29,8 +29,8 @@ class CriticKind:
     name: KindName
     model: str
     needs: tuple[str, ...]
-    num_points: int = 0
-    mirrored: tuple[int, ...] = ()
+    num_points: int
+    mirrored: tuple[int, ...]
     chooses: bool = False
 
     @property
@@ -38,16 +38,21 @@ class CriticKind:
         """Names of the critic's features."""
         return critic_files.FEATURES[self.model]
 
-    @property
-    def is_network(self) -> bool:
-        """Whether the critic is a `PointCritic`, trained by steps, instead of regressions."""
-        return self.num_points > 0
-
 
 CRITIC_KINDS: dict[str, CriticKind] = {
     each.name: each
     for each in (
-        CriticKind("axes", critic_files.AXES, ("detector", "network")),
+        CriticKind(
+            "axes",
+            critic_files.AXES,
+            ("detector", "network"),
+            mirror_views.NUM_POINTS,
+            (
+                PlanePointFeature.ALONG_NORMAL,
+                PlanePointFeature.NORMAL_NORMAL,
+                axis_evidence.TANGENTIAL,
+            ),
+        ),
         CriticKind(
             "planes",
             critic_files.PLANES,

@@ -1,17 +1,12 @@
-"""Logistic regressions: the critic of axes and spheres, and calibrations of other critics."""
+"""Logistic regression for the calibration of critics, and the choice of the best of a group."""
 
 import numpy as np
 from scipy.special import expit
 
 from pipelines.array_types import Array, Floats, Indices
-from pipelines.errors import ValueRangeError
-from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
-from pipelines.grasping.symmetries.axis_critic import AxisCritic
-from pipelines.learning.critics.critic_rows import CriticRows
 
 RIDGE = 1.0  # penalty on slopes of standardised columns; chosen by eye
 STEPS = 50  # steps of Newton's method
-ROUNDS = 20  # fits to the axes that the previous fit chooses; a few suffice
 
 
 def logistic_regression(columns: Floats, truth: Floats) -> Array:
@@ -33,35 +28,6 @@ def logistic_regression(columns: Floats, truth: Floats) -> Array:
 def log_loss(log_odds: Array, truth: Array) -> float:
     """Return the mean cross-entropy of `truth` (n,), 0 to 1, given `log_odds` (n,)."""
     return float(np.mean(np.logaddexp(0.0, log_odds) - truth * log_odds))
-
-
-def fit_axis_critic(rows: CriticRows) -> AxisCritic:
-    """Return the regressions of axes and spheres.
-
-    `infer` uses only the most likely axis of each region, so each round fits to the axes that the
-    previous fit prefers, until this choice stays the same. The first round takes the axis with the
-    most consistent images.
-
-    Raises:
-        ValueRangeError: there are no true, or no false, axes or spheres.
-    """
-    rotation, sphere = (rows[rows.slot == slot] for slot in (ROTATION_SLOT, SPHERE_SLOT))
-    for name, part in (("axes", rotation), ("spheres", sphere)):
-        if not 0.0 < (part.truth.mean() if len(part) else 0.0) < 1.0:
-            found = f"{int(part.truth.sum())} of {len(part)} are true"
-            raise ValueRangeError(f"candidate {name}", found, "some true and some false")
-    regression = logistic_regression(sphere.candidates.astype(np.float64), sphere.truth)
-    critic = AxisCritic(np.array([0.0, 0.0, 0.0, 1.0]), regression)
-    before: Indices | None = None
-    for _ in range(ROUNDS):
-        scores = critic.log_odds("rotation", rotation.candidates.astype(np.float64))
-        chosen = best_of_groups(scores, rotation.group)
-        if before is not None and np.array_equal(chosen, before):
-            break
-        best, before = rotation[chosen], chosen
-        weights = logistic_regression(best.candidates.astype(np.float64), best.truth)
-        critic = AxisCritic(weights, regression)
-    return critic
 
 
 def best_of_groups(scores: Array, group: Indices) -> Indices:

@@ -2,26 +2,20 @@
 
 import json
 
-import numpy as np
 import pytest
 import torch
 
 from pipelines.errors import FormatError
 from pipelines.grasping.ranking import critic_files
+from pipelines.grasping.ranking.critic_files import PLANES
 from pipelines.inference import models
 from pipelines.storage.checkpoints import load_weights, save_weights
 
 SHIPPED = {
     critic_files.AXES: models.AXIS_CRITIC_WEIGHTS,
-    critic_files.PLANES: models.PLANE_CRITIC_WEIGHTS,
+    PLANES: models.PLANE_CRITIC_WEIGHTS,
     critic_files.GRASPS: models.GRASP_CRITIC_WEIGHTS,
 }
-
-
-def read(path, model):
-    if model == critic_files.AXES:
-        return critic_files.read_axis_critic(path)
-    return critic_files.read_point_critic(path, model)
 
 
 def changed(path, model, tensors=None, **metadata):
@@ -34,18 +28,10 @@ def changed(path, model, tensors=None, **metadata):
 
 @pytest.mark.parametrize("model", SHIPPED)
 def test_the_shipped_files_name_the_features_that_are_computed(model):
-    read(SHIPPED[model], model)
+    critic_files.read_point_critic(SHIPPED[model], model)
     _, metadata = load_weights(SHIPPED[model])
     named = json.loads(metadata["features"])
     assert {name: tuple(each) for name, each in named.items()} == vars(critic_files.FEATURES[model])
-
-
-def test_the_axis_critic_is_a_logistic_regression_of_its_evidence():
-    critic = critic_files.read_axis_critic(models.AXIS_CRITIC_WEIGHTS)
-    expected = 1 / (1 + np.exp(24.5 - 5.6 * 0.5 - 3.0 * 0.8 - 20.4 * 0.9))
-    assert critic.probability("rotation", [0.5, 0.8, 0.9]) == pytest.approx(expected)
-    many = critic.log_odds("sphere", np.full((4, 3), 0.5))
-    np.testing.assert_allclose(many, -13.6 + 0.5 * (7.6 + 18.3 + 4.8))
 
 
 @pytest.mark.parametrize("model", SHIPPED)
@@ -58,35 +44,35 @@ def test_a_feature_of_another_name_is_refused_with_the_command_that_makes_the_fi
         f"takes {second} as candidate feature 2, where {first} is computed; make the file again"
     )
     with pytest.raises(FormatError, match=f"{message} with `symgrasp train-critic "):
-        read(path, model)
+        critic_files.read_point_critic(path, model)
 
 
 def test_another_number_of_features_none_or_no_json_is_refused(tmp_path):
-    model, path = critic_files.PLANES, tmp_path / "x.safetensors"
+    model, path = PLANES, tmp_path / "x.safetensors"
     names = vars(critic_files.FEATURES[model])
     fewer = json.dumps({**names, "point": names["point"][1:]})
     with pytest.raises(FormatError, match="takes 13 point features, not 14"):
-        read(changed(path, model, features=fewer), model)
+        critic_files.read_point_critic(changed(path, model, features=fewer), model)
     with pytest.raises(FormatError, match="does not name its point features"):
-        read(changed(path, model, features=None), model)
+        critic_files.read_point_critic(changed(path, model, features=None), model)
     with pytest.raises(FormatError, match="no JSON object"):
-        read(changed(path, model, features="[1, 2]"), model)
+        critic_files.read_point_critic(changed(path, model, features="[1, 2]"), model)
 
 
 def test_other_weights_are_refused_by_name(tmp_path):
     path = tmp_path / "other.safetensors"
     save_weights(path, {"a": torch.zeros(1)}, {"model": "SymmetryGraspNet"})
     with pytest.raises(FormatError, match="holds SymmetryGraspNet"):
-        read(path, critic_files.PLANES)
+        critic_files.read_point_critic(path, PLANES)
     with pytest.raises(FormatError, match="holds PlaneCritic; weights of GraspCritic"):
-        read(models.PLANE_CRITIC_WEIGHTS, critic_files.GRASPS)
-    save_weights(path, {"a": torch.zeros(1)}, critic_files.metadata_of(critic_files.PLANES))
+        critic_files.read_point_critic(models.PLANE_CRITIC_WEIGHTS, critic_files.GRASPS)
+    save_weights(path, {"a": torch.zeros(1)}, critic_files.metadata_of(PLANES))
     with pytest.raises(FormatError, match=r"point\.0\.weight is not there"):
-        read(path, critic_files.PLANES)
+        critic_files.read_point_critic(path, PLANES)
 
 
 def test_tensors_of_another_shape_are_refused(tmp_path):
     path = tmp_path / "other.safetensors"
     mean = load_weights(models.PLANE_CRITIC_WEIGHTS)[0]["mean"][:-1].clone()
     with pytest.raises(FormatError, match=r"mean is \(8,\); shape \(9,\) is expected"):
-        read(changed(path, critic_files.PLANES, {"mean": mean}), critic_files.PLANES)
+        critic_files.read_point_critic(changed(path, PLANES, {"mean": mean}), PLANES)

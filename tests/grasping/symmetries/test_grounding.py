@@ -13,8 +13,7 @@ from pipelines.geometry.rendering import Scene, cast_view
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SymmetrySlots
 from pipelines.geometry.transforms import invert, make_pose, rotate_vectors, unit
 from pipelines.grasping.scene import RegionCloud, SceneCloud
-from pipelines.grasping.symmetries.grounding import Evidence, ground_symmetries
-from pipelines.grasping.symmetries.plane_candidates import NETWORK, SHAPE
+from pipelines.grasping.symmetries.grounding import ground_symmetries
 from pipelines.inference import models
 
 CAMERA = Intrinsics(460.0, 460.0, 159.5, 119.5, 320, 240)
@@ -101,28 +100,6 @@ def test_a_plane_that_throws_images_into_free_space_is_not_believed(can):
     for slot in range(3):
         offset = abs(float((found.point[slot] - pose[:3, 3]) @ found.direction[slot]))
         assert found.probability[slot] < 0.5 or offset < 0.012
-
-
-def test_more_support_and_fewer_floating_images_mean_more_confidence():
-    axis = RotationSymmetry([0, 0, 1], [0, 0, 0])
-    good, loose, floating = ([0.5, 0.8, 1.0], [0.5, 0.3, 1.0], [0.5, 0.8, 0.5])
-    other = RotationSymmetry([1, 0, 0], [0, 0, 0])
-    for worse in (loose, floating):
-        both = Evidence([other, axis], np.array([worse, good]), np.array([NETWORK, SHAPE]))
-        best, confidence, source = both.best(CRITICS.axes)
-        assert best is axis
-        assert source == SHAPE
-        alone = Evidence([other], np.array([worse]), np.array([NETWORK]))
-        assert confidence > alone.best(CRITICS.axes)[1]
-
-
-def test_an_axis_that_several_starts_reach_has_all_their_sources():
-    axis, same = RotationSymmetry([0, 0, 1], [0, 0, 0]), RotationSymmetry([0, 0, -1], [0, 0, 0.1])
-    beside = RotationSymmetry([0, 0, 1], [0.01, 0, 0])
-    rows = np.array([[0.5, 0.8, 1.0], [0.5, 0.7, 1.0], [0.5, 0.3, 1.0]])
-    for other, expected in ((same, NETWORK | SHAPE), (beside, NETWORK)):
-        found = Evidence([axis, other, other], rows, np.array([NETWORK, SHAPE, SHAPE]))
-        assert found.best(CRITICS.axes)[2] == expected
 
 
 def test_each_symmetry_names_network_or_shape_as_its_source(box):

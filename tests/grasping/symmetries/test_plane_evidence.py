@@ -11,11 +11,11 @@ from pipelines.grasping.scene import SceneCloud
 from pipelines.grasping.symmetries.plane_candidates import candidate_planes
 from pipelines.grasping.symmetries.plane_evidence import (
     FEATURES,
-    RegionEvidence,
     critic_inputs,
     fitted_planes,
     likely_planes,
 )
+from pipelines.grasping.symmetries.region_evidence import RegionEvidence
 from pipelines.inference import models
 from tests.grasping.symmetries.test_grounding import view_of
 
@@ -31,11 +31,12 @@ def box():
 
 
 def evidence_of(view, slots=SILENT):
-    scene, region, pose = view
-    axis = RotationSymmetry([0, 0, 1], [0, 0, 0]).transformed(pose)
-    step = max(1, len(region) // 400)
-    seen = region.points[::step], region.normals[::step], region.mask
-    return RegionEvidence(slots, axis, *seen, scene)
+    scene, region, _ = view
+    return RegionEvidence.of(slots, region, scene)
+
+
+def axis_of(view):
+    return RotationSymmetry([0, 0, 1], [0, 0, 0]).transformed(view[2])
 
 
 def box_planes(pose):
@@ -53,7 +54,7 @@ def row(plane, known):
 
 
 def test_a_box_alone_shows_its_three_planes_without_a_network(box):
-    found = likely_planes(evidence_of(box), CRITIC)
+    found = likely_planes(evidence_of(box), axis_of(box), CRITIC)
     assert len(found) == 3
     confidence = [each for _, each, _ in found]
     assert confidence == sorted(confidence, reverse=True)
@@ -82,10 +83,10 @@ def test_only_the_more_likely_of_oblique_planes_is_kept(box, monkeypatch):
     probability = np.array([0.9, 0.8, 0.3, 0.2])
     monkeypatch.setattr(
         "pipelines.grasping.symmetries.plane_evidence.fitted_planes",
-        lambda _: (oblique, np.array([1, 2, 3, 1])),
+        lambda *_: (oblique, np.array([1, 2, 3, 1])),
     )
     monkeypatch.setattr(type(CRITIC), "probability", lambda *_: probability)
-    found = likely_planes(evidence_of(box), CRITIC)
+    found = likely_planes(evidence_of(box), axis_of(box), CRITIC)
     assert [each for _, each, _ in found] == [0.9, 0.3]  # 90 degrees is within 30 of a kept one
     assert found[0][0] is oblique[0]
     assert [source for _, _, source in found] == [1, 3]
@@ -127,10 +128,10 @@ def test_a_plane_that_the_network_names_is_a_candidate():
 def test_without_a_table_no_plane_is_level_and_planes_are_found(box):
     scene, region, pose = box
     known = evidence_of((SceneCloud(scene.depth, scene.intrinsics, None), region, pose))
-    values = features(fitted_planes(known)[0], known)
+    values = features(fitted_planes(known, axis_of(box))[0], known)
     assert (values[:, FEATURES.index("level")] == 0).all()
     assert np.isfinite(values).all()
-    assert len(likely_planes(known, CRITIC)) == 3
+    assert len(likely_planes(known, axis_of(box), CRITIC)) == 3
 
 
 def test_a_moved_table_changes_only_the_numbers_about_the_table(box):

@@ -81,8 +81,9 @@ class Grasps:
         clearance: (n,) float32, scene clearance b of Eq. 8, capped.
         enclosed_height: (n,) float32, enclosed height h of Eq. 8, capped.
         rank_score: (n,) float32, 0 to 1, the order of the grasps: the quality that the grasp
-            critic expects, reduced by the torque of the weight; or s of Eq. 8, reduced in unseen
-            space; or a compared method's own score, of any range.
+            critic expects, reduced by the torque of the weight and by the probability that the
+            region is no object; or s of Eq. 8, reduced in unseen space; or a compared method's own
+            score, of any range.
         ranker: (n,) str, source of `rank_score`: `critic`, `eq8`, or `own` for a compared method
             with its own score.
         is_best: (n,) bool, whether the grasp is the first to try of its region.

@@ -18,6 +18,7 @@ from pipelines.metrics.average_precision import last_equals
 
 COCO_RECALLS = np.linspace(0.0, 1.0, 101)
 FEWEST_UNITS = 6  # frames or scenes that all differ alike by a chance below 5 %
+LEAST_WIDTH = 1e-9  # of an interval; draws of equal frames differ by rounding
 LARGEST_BLOCK = 4_000_000  # weights of predictions in memory at a time
 LARGEST_DRAW = 64  # draws that are computed together
 
@@ -142,12 +143,15 @@ def interval(
 ) -> tuple[float, float]:
     """Return the ends of the interval of one figure, frames drawn at random; nan if undefined.
 
-    An interval of fewer than `FEWEST_UNITS` frames would be too narrow, and is nan.
+    An interval of fewer than `FEWEST_UNITS` frames would be too narrow, and is nan; so is one
+    without width: frames that are all alike, as eight true spheres all found, show no spread.
     """
     if num_frames < FEWEST_UNITS:
         return np.nan, np.nan
     blocks = draws(num_frames, resamples, np.random.default_rng(seed))
-    return _ends(np.concatenate([figure.at(weights) for weights in blocks]), level, num_frames)
+    drawn = np.concatenate([figure.at(weights) for weights in blocks])
+    low, high = _ends(drawn, level, num_frames)
+    return (low, high) if high - low > LEAST_WIDTH else (np.nan, np.nan)
 
 
 def _ends(drawn: Array, level: float, units: int) -> tuple[float, float]:

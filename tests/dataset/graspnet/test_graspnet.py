@@ -124,17 +124,13 @@ def test_frames_are_known_by_the_end_of_their_name(root: GraspNetRoot, prefix: s
 
 
 def test_missing_parts_are_reported_in_one_sentence(root: GraspNetRoot) -> None:
-    with pytest.raises(
-        SymgraspError, match="scene_0007 has no folder kinect or realsense"
-    ):
+    with pytest.raises(SymgraspError, match="scene_0007 has no folder kinect or realsense"):
         root.scene(7)
     with pytest.raises(UnknownNameError, match="kinect"):
         root.scene(0, "kinect")
     with pytest.raises(UnknownNameError, match="unseen"):
         root.scene_ids("unseen")
-    with pytest.raises(
-        SymgraspError, match=r"models does not exist; .*GraspNet-1B"
-    ):
+    with pytest.raises(SymgraspError, match=r"models does not exist; .*GraspNet-1B"):
         GraspNetRoot(root.root / "none").object_ids()
 
 

@@ -119,8 +119,9 @@ def test_more_support_and_fewer_floating_images_mean_more_confidence():
 def test_an_axis_that_several_starts_reach_has_all_their_sources():
     axis, same = RotationSymmetry([0, 0, 1], [0, 0, 0]), RotationSymmetry([0, 0, -1], [0, 0, 0.1])
     beside = RotationSymmetry([0, 0, 1], [0.01, 0, 0])
+    tilted = RotationSymmetry([0, np.sin(0.3), np.cos(0.3)], [0, 0, 0])
     rows = np.array([[0.5, 0.8, 1.0], [0.5, 0.7, 1.0], [0.5, 0.3, 1.0]])
-    for other, expected in ((same, NETWORK | SHAPE), (beside, NETWORK)):
+    for other, expected in ((same, NETWORK | SHAPE), (beside, NETWORK), (tilted, NETWORK)):
         found = Evidence([axis, other, other], rows, np.array([NETWORK, SHAPE, SHAPE]))
         assert found.best(CRITICS.axes)[2] == expected
 

@@ -48,14 +48,15 @@ def test_the_masks_of_all_regions_are_the_object_and_do_not_overlap():
 
 
 def test_a_pixel_belongs_to_the_region_of_the_triangle_it_shows():
-    mesh, pose = box(), posed_box(np.random.default_rng(4))
-    hits = cast_view(Scene([mesh], [pose]), CAMERA, np.eye(4))
-    regioned = halves(mesh)
-    found = visible_regions(hits.object_index + 1, CAMERA, [(0, pose)], {0: regioned})
-    for region in found:
-        names = np.array(["right", "other"])
-        shown = names[regioned.region_of_triangle[hits.triangle_index[region.mask]]]
-        assert (shown == region.name).all()
+    mesh, rng, regioned, seen = box(), np.random.default_rng(4), halves(box()), set()
+    names = np.array(["right", "other"])
+    for pose in (posed_box(rng) for _ in range(5)):
+        hits = cast_view(Scene([mesh], [pose]), CAMERA, np.eye(4))
+        for region in visible_regions(hits.object_index + 1, CAMERA, [(0, pose)], {0: regioned}):
+            shown = names[regioned.region_of_triangle[hits.triangle_index[region.mask]]]
+            assert (shown == region.name).all()
+            seen.add(region.name)
+    assert seen == {"right", "other"}
 
 
 def test_an_object_of_one_region_shows_it_in_all_its_pixels():

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
 
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SphereSymmetry
@@ -67,6 +68,24 @@ def test_a_small_tilt_of_the_axis_costs_about_its_sine_at_half_a_turn(monkeypatc
     error = symmetry_error(points, tilted, truth)
     # Half a turn sends (0, 0, 1) to 2 sin(0.1) aside, (1, 0, 0) to itself negated both times.
     assert_allclose(error, 2 * (2 * np.sin(0.1)) / 3 / 2, rtol=1e-9)
+
+
+@few
+@given(seeds)
+def test_the_error_of_an_axis_is_the_mean_over_fifteen_even_turns(seed):
+    rng = np.random.default_rng(seed)
+    points, (predicted, truth) = rng.normal(size=(20, 3)), random_pair(rng, RotationSymmetry)
+    sign = np.sign(predicted.axis @ truth.axis)
+    ratios = []
+    for degrees in np.arange(22.5, 360.0, 22.5):
+        true, found = (
+            Rotation.from_rotvec(degrees * axis, degrees=True).apply(points - point) + point
+            for axis, point in ((truth.axis, truth.point), (sign * predicted.axis, predicted.point))
+        )
+        reach = np.linalg.norm(true - points, axis=1).max()
+        ratios.append(np.linalg.norm(found - true, axis=1).mean() / reach)
+    assert len(ratios) == 15
+    assert_allclose(symmetry_error(points, predicted, truth), np.mean(ratios))
 
 
 def test_spheres_are_compared_by_the_distance_of_their_centres():

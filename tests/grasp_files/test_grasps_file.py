@@ -77,6 +77,17 @@ def test_a_file_taken_apart_and_written_again_has_the_same_bytes(
     assert (tmp_path / "g.h5").read_bytes() == (tmp_path / "h.h5").read_bytes()
 
 
+def test_the_order_in_which_weights_and_settings_are_named_changes_no_byte(
+    tmp_path: Path, results: list[FrameResult]
+) -> None:
+    names = {"network": "sha256:00", "detector": "sha256:01"}
+    for name, order in (("g", list(names)), ("h", list(names)[::-1])):
+        weights = {key: names[key] for key in order}
+        stamp = make_stamp("infer", dict.fromkeys(order, 1), seed=3, inputs=weights)
+        grasps_file.write(tmp_path / f"{name}.h5", results, stamp)
+    assert (tmp_path / "g.h5").read_bytes() == (tmp_path / "h.h5").read_bytes()
+
+
 def test_a_resumed_run_gives_the_bytes_of_an_uninterrupted_one(
     tmp_path: Path, results: list[FrameResult]
 ) -> None:

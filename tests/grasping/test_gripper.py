@@ -24,6 +24,19 @@ def test_the_fingers_leave_the_opening_free_and_reach_past_the_contacts():
     assert_allclose(palm[1, 0], left[0, 0])
 
 
+@pytest.mark.parametrize("name", preset_names())
+def test_fingers_and_palm_are_as_large_as_the_file_says_and_centred(name):
+    gripper = load_gripper(name)
+    boxes = gripper.boxes(0.05)
+    finger = gripper.finger_length, gripper.finger_thickness, gripper.finger_height
+    open_fingers = gripper.opening(0.05) + 2 * gripper.finger_thickness
+    palm = gripper.palm_depth, max(gripper.palm_width, open_fingers), gripper.palm_height
+    assert_allclose(boxes[:, 1] - boxes[:, 0], [finger, finger, palm])
+    middle = boxes.mean(axis=1)[:, 1:]
+    beside = (gripper.opening(0.05) + gripper.finger_thickness) / 2
+    assert_allclose(middle, [[-beside, 0.0], [beside, 0.0], [0.0, 0.0]], atol=1e-15)
+
+
 @pytest.mark.parametrize(
     ("length", "depth"), [(0.05, 0.03), (0.035, 0.015), (0.02, 0.01), (0.1, 0.04)]
 )

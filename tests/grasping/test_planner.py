@@ -419,8 +419,10 @@ def test_the_choice_equals_that_of_checking_every_grasp_against_every_point(seed
 def test_every_chosen_grasp_opens_wide_enough_and_keeps_over_the_table_on_its_path(seed):
     rng = np.random.default_rng(seed)
     pose, scene, region = SEEN
-    candidates = across_box(pose, rng.uniform(0.0, 0.11, 12), size=rng.uniform(0.02, 0.13))
+    size = rng.uniform(0.062, 0.13)  # the box is 6 cm wide
+    candidates = across_box(pose, [*rng.uniform(0.0, 0.11, 12), 0.1], size=size)
     found = chosen(candidates, region, scene).grasps
+    assert (len(found) > 0) == (size <= GRIPPER.max_width)
     assert (GRIPPER.opening(found.width) <= GRIPPER.max_opening + 1e-12).all()
     for step in np.linspace(0.0, CHECKS.approach_distance, 6):
         on_the_way = replace(found, translation=found.translation - step * found.approach)

@@ -40,6 +40,7 @@ def test_the_sample_does_not_depend_on_how_the_stream_is_cut(seed, limit, cuts):
     assert_array_equal(pieces.result().grasps.contacts, whole.result().grasps.contacts)
     assert_array_equal(pieces.result().quality, whole.result().quality)
     assert pieces.num_distinct == whole.num_distinct
+    assert len(whole.result()) == min(limit, whole.num_distinct)
 
 
 @few

@@ -62,6 +62,21 @@ def test_libraries_stay_on_one_core_until_the_last_thread_has_left_the_context()
     assert after == (3, 2, 2)
 
 
+def test_a_thread_enters_the_context_while_another_limits_its_own_matrix_products():
+    seen = []
+
+    def other():
+        with one_thread_each():
+            seen.append(threads())
+
+    with threadpool_limits(limits=2, user_api="blas"):
+        thread = Thread(target=other)
+        thread.start()
+        thread.join()
+        assert threads()[2] == 2
+    assert seen == [(1, 1, 1)]
+
+
 def test_a_gpu_is_used_if_it_is_requested_or_found_by_torch(monkeypatch, tmp_path):
     assert uses_gpu("cuda:0")
     assert not uses_gpu("cpu")

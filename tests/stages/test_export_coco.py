@@ -185,6 +185,7 @@ def test_links_lead_to_the_datasets_images(root, tmp_path):
 def test_other_settings_are_refused_and_unknown_ones_named(root, exported, tmp_path):
     other = ExportCocoConfig(min_pixels=60)
     report = export_coco.run(root.root, exported, other, split=None, options=QUIET)
+    assert len(report.failed) == len(SCENES)
     assert all("--overwrite" in sentence for sentence in report.failed.values())
     with pytest.raises(UnknownNameError, match="kind, object, region"):
         export_coco.run(root.root, tmp_path, ExportCocoConfig("color"), split=None)

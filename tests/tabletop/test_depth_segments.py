@@ -5,7 +5,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipelines.configs import RegionConfig
-from pipelines.tabletop.depth_segments import GAP, _too_large, connected, extent, inward_fold
+from pipelines.tabletop.depth_segments import (
+    GAP,
+    _too_large,
+    connected,
+    extent,
+    inward_fold,
+    segment,
+)
 from pipelines.tabletop.organized import smooth_normals
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
 
@@ -135,3 +142,17 @@ def test_pieces_longer_than_an_object_are_too_large():
     ]
     assert list(np.flatnonzero(_too_large(xyz, labels, CONFIG))) == expected
     assert 7 in expected
+
+
+def test_pixels_that_are_not_clear_belong_to_a_piece_and_connect_none():
+    xyz = CAMERA.backproject(np.full((CAMERA.height, CAMERA.width), 0.5))
+    foreground, clear = np.zeros((2, *xyz.shape[:2]), bool)
+    foreground[100:130, 100:160] = clear[100:130, 100:160] = True
+    whole, _ = segment(xyz, foreground, clear, CAMERA.fx, CONFIG)
+    assert whole.max() == 1
+    clear[:, 128:132] = False
+    cut, by_steps = segment(xyz, foreground, clear, CAMERA.fx, CONFIG)
+    assert by_steps.max() == 1
+    assert len(np.unique(cut[:, 100:128][foreground[:, 100:128]])) == 1
+    assert cut[115, 110] != cut[115, 150]
+    np.testing.assert_array_equal(cut > 0, foreground)

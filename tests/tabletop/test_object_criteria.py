@@ -1,5 +1,7 @@
 """Walls, arms and pieces outside of the support are no objects."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from pipelines.configs import RegionConfig
@@ -43,6 +45,15 @@ def test_a_tall_piece_that_reaches_in_from_outside_is_no_object_and_a_book_there
     assert not arm.may_be_object(index == 0)
     book, index = found(Box((0.3, 0.2, 0.02), (-0.4, 0.0, 0.0)))
     assert book.may_be_object(index == 0)
+
+
+def test_a_piece_that_mostly_hangs_over_the_table_is_no_object():
+    regions, index = found(BOX)
+    rows = np.nonzero(index == 0)[0]
+    for share, expected in ((0.4, True), (0.6, False)):
+        upper = np.arange(len(index))[:, None] < np.quantile(rows, share)
+        criteria = replace(regions.criteria, hanging=(index == 0) & upper)
+        assert criteria.may_be_object(index == 0) == expected
 
 
 def test_a_rim_outside_of_the_support_is_no_object():

@@ -141,9 +141,13 @@ def test_convex_edges_do_not_split_an_object():
     assert best_overlap(regions, index == 0) > 0.9
 
 
-def test_an_object_too_large_for_the_gripper_is_no_region():
-    depth, _ = render([Box((0.8, 0.05, 0.4), (0, 0.25, 0))])
-    assert all(np.ptp(np.nonzero(mask)[1]) < 300 for mask in regions_of(depth).masks)
+@pytest.mark.parametrize(
+    ("size", "count"), [((0.30, 0.05, 0.2), 1), ((0.25, 0.25, 0.2), 1), ((0.4, 0.2, 0.2), 0)]
+)
+def test_an_object_is_a_region_up_to_a_diagonal_of_45_centimetres(size, count):
+    depth, _ = render([Box(size, (0, 0.1, 0))])
+    assert len(regions_of(depth).masks) == count
+    assert (np.linalg.norm(size) < CONFIG.max_extent) == count
 
 
 def from_above(height=0.7):

@@ -4,11 +4,13 @@ Loops are used where they stop early or avoid arrays of intermediate results. Ea
 once on a machine and cached next to this package, or in the user's cache folder. The cache notices
 changes of the loop's own file only, so a compiled function calls no function and reads no constant
 of another file. Each type of argument is compiled separately, so arrays come in C order. Sums are
-taken in the written order: all machines give the same result.
+taken in the written order: all machines give the same result. A loop assigns numbers, not arrays,
+since numba compiles the text of an error with every array that it assigns, for a second each.
 """
 
 import logging
 from collections.abc import Callable
+from functools import partial
 from typing import TypeVar, cast
 
 import numba
@@ -22,10 +24,12 @@ Function = TypeVar("Function", bound=Callable[..., object])
 
 def compiled(function: Function) -> Function:
     """Compile `function` for the types of its arguments, when it is first called."""
+    # An entry for C code would take a twentieth of the time to compile.
+    njit = partial(numba.njit, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
     try:
-        made = numba.njit(function, cache=True, nogil=True, error_model="numpy")
+        made = njit(cache=True)(function)
     except RuntimeError:  # no folder for the cache: each process compiles for itself
-        made = numba.njit(function, nogil=True, error_model="numpy")
+        made = njit()(function)
     return cast(Function, made)
 
 

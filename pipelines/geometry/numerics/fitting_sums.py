@@ -168,7 +168,6 @@ def plane_sums(
     return sums
 
 
-@compiled
 def stepped(
     starts: tuple[Array, Array, Array],  # unit directions, points (k, 3), bases (k, 3, 2) across
     offsets: Array,  # (k, 3, 2) directions along which the points move
@@ -178,16 +177,21 @@ def stepped(
     precision: Array,  # (4,) precisions of the unknowns' priors, whose means are zero
 ) -> tuple[Array, Array, Array]:
     """Return unknowns (k, 4), directions (k, 3) and points (k, 3) after a Gauss-Newton step."""
+    # numba takes two seconds to compile a solver; numpy's gives the same numbers.
+    right = share * sums[1] + precision * total
+    step = np.linalg.solve(share * sums[0] + np.diag(precision), right[..., None])[..., 0]
+    return _moved(starts, offsets, total - step)
+
+
+@compiled
+def _moved(
+    starts: tuple[Array, Array, Array], offsets: Array, found: Array
+) -> tuple[Array, Array, Array]:
+    """Return `found`, and the directions and points that these unknowns (k, 4) make of `starts`."""
     directions, points, basis = starts
-    found, point, direction = np.empty_like(total), np.empty_like(points), np.empty_like(points)
-    for k in range(len(total)):
-        matrix, right = share * sums[0][k], np.empty(4)
-        for i in range(4):
-            right[i] = share * sums[1][k, i] + precision[i] * total[k, i]
-            matrix[i, i] += precision[i]
-        step, length = np.linalg.solve(matrix, right), 0.0
-        for i in range(4):
-            found[k, i] = total[k, i] - step[i]
+    point, direction = np.empty_like(points), np.empty_like(points)
+    for k in range(len(found)):
+        length = 0.0
         for i in range(3):
             turn = basis[k, i, 0] * found[k, 0] + basis[k, i, 1] * found[k, 1]
             move = offsets[k, i, 0] * found[k, 2] + offsets[k, i, 1] * found[k, 3]
@@ -198,7 +202,6 @@ def stepped(
     return found, direction, point
 
 
-@compiled
 def fitted_sphere(
     points: Array,  # (n, 3) surface points, metres
     normals: Array,  # (n, 3) their normals
@@ -211,25 +214,49 @@ def fitted_sphere(
 
     A point farther than a scale from the median radius has weight 0.
     """
-    centre, distance, total = start.copy(), np.empty(len(points)), 0.0
-    for scale in scales:
-        middle = centre[0], centre[1], centre[2]
-        for n in range(len(points)):
-            foot = _minus(_row(points, n), middle)
-            distance[n] = np.sqrt(_dot(foot, foot))
-        radius = np.median(distance)
-        spread, pull, total = precision * np.eye(3), precision * (start - centre), 0.0
-        for n in range(len(points)):
-            if abs(distance[n] - radius) < scale:
-                foot, normal = _minus(_row(points, n), middle), _row(normals, n)
-                height = _dot(foot, normal)
-                passing = _minus(foot, (height * normal[0], height * normal[1], height * normal[2]))
-                weight = _biweight(np.sqrt(_dot(passing, passing)), scale)
-                total += weight
-                for i in range(3):
-                    pull[i] += share * weight * passing[i]
-                    spread[i, i] += share * weight
-                    for j in range(3):
-                        spread[i, j] -= share * weight * normal[i] * normal[j]
+    centre, total = start, 0.0
+    for scale in scales.tolist():
+        distance = _distances(points, centre)
+        radius = float(np.median(distance))
+        spread, pull = precision * np.eye(3), precision * (start - centre)
+        total = _add_lines(points, normals, centre, distance, (radius, scale, share), spread, pull)
         centre = centre + np.linalg.solve(spread, pull)
     return centre, total
+
+
+@compiled
+def _distances(points: Array, centre: Array) -> Array:
+    """Return the distance (n,) of each of `points` (n, 3) from `centre` (3,)."""
+    distance, middle = np.empty(len(points)), (centre[0], centre[1], centre[2])
+    for n in range(len(points)):
+        foot = _minus(_row(points, n), middle)
+        distance[n] = np.sqrt(_dot(foot, foot))
+    return distance
+
+
+@compiled
+def _add_lines(
+    points: Array,
+    normals: Array,
+    centre: Array,
+    distance: Array,  # (n,) of the points from the centre
+    scales: Vector,  # radius, Tukey's scale, and the factor of the sums
+    spread: Array,  # (3, 3) the matrix of the step, added to
+    pull: Array,  # (3,) its right side, added to
+) -> float:
+    """Add the lines of n normals to the equations of a centre's step; return the weights' sum."""
+    (radius, scale, share), total = scales, 0.0
+    middle = centre[0], centre[1], centre[2]
+    for n in range(len(points)):
+        if abs(distance[n] - radius) < scale:
+            foot, normal = _minus(_row(points, n), middle), _row(normals, n)
+            height = _dot(foot, normal)
+            passing = _minus(foot, (height * normal[0], height * normal[1], height * normal[2]))
+            weight = _biweight(np.sqrt(_dot(passing, passing)), scale)
+            total += weight
+            for i in range(3):
+                pull[i] += share * weight * passing[i]
+                spread[i, i] += share * weight
+                for j in range(3):
+                    spread[i, j] -= share * weight * normal[i] * normal[j]
+    return total

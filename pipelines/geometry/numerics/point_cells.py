@@ -100,7 +100,8 @@ def _gathered(
 ) -> tuple[Indices, Singles, Indices, Singles, Singles]:
     """Return the fields of `PointCells`; `place`: (n,) cube of each point, `count`: (c,) points."""
     start = np.zeros(len(count) + 1, np.int64)
-    start[1:] = np.cumsum(count)
+    for c in range(len(count)):
+        start[c + 1] = start[c] + count[c]
     free, index = start[:-1].copy(), np.empty(len(place), np.int64)
     ordered = np.empty((3, len(place)), np.float32)
     low, high = np.full((3, len(count)), np.inf), np.full((3, len(count)), -np.inf)
@@ -112,7 +113,11 @@ def _gathered(
             low[axis, c] = min(low[axis, c], points[n, axis])
             high[axis, c] = max(high[axis, c], points[n, axis])
         free[c] += 1
-    edge = high - low
-    radius = 0.5 * np.sqrt(edge[0] ** 2 + edge[1] ** 2 + edge[2] ** 2) + BALL_MARGIN
-    centre = (0.5 * (low + high)).astype(np.float32)
-    return index, ordered, start, centre, radius.astype(np.float32)
+    centre, radius = np.empty((3, len(count)), np.float32), np.empty(len(count), np.float32)
+    for c in range(len(count)):
+        square = 0.0
+        for axis in range(3):
+            centre[axis, c] = 0.5 * (low[axis, c] + high[axis, c])
+            square += (high[axis, c] - low[axis, c]) ** 2
+        radius[c] = 0.5 * np.sqrt(square) + BALL_MARGIN
+    return index, ordered, start, centre, radius

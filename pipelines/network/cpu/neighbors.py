@@ -100,7 +100,8 @@ def find_nearest(queries: Singles, support: Singles, places: Indices) -> None:
                 k -= 1
             if k < count:
                 near[k] = place
-        places[m] = near
+        for k in range(count):
+            places[m, k] = near[k]
 
 
 @compiled

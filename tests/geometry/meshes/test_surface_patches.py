@@ -6,6 +6,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pipelines.geometry.meshes import surface_patches
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.geometry.meshes.surface_patches import SurfacePatches, meet_boxes
 from pipelines.geometry.transforms import make_pose, random_rotation
@@ -40,16 +41,21 @@ def test_every_point_of_the_surface_is_in_a_patch_that_lists_its_triangle(mesh: 
 @pytest.mark.parametrize("mesh", SHAPES.values(), ids=SHAPES)
 def test_centres_lie_on_the_surface_and_patches_are_small(mesh: Mesh) -> None:
     patches = SurfacePatches.from_mesh(mesh)
-    for center in patches.centers[::7]:
+    for center in patches.centers[:: 1 + len(patches) // 20]:
         feet = closest_points(mesh.triangles, np.repeat(center[None], len(mesh.faces), axis=0))
         assert np.linalg.norm(feet - center, axis=1).min() < 1e-9
     assert patches.radius.max() < 0.0065
     assert len(patches) < 2 * mesh.area / 0.004**2 + 200
 
 
-def test_patches_do_not_grow_with_the_size_of_a_mesh() -> None:
-    huge = SurfacePatches.from_mesh(mesh_of(trimesh.creation.box((80.0, 60.0, 40.0))))
-    assert len(huge) < 1_000_000
+def test_a_mesh_of_any_size_has_a_limited_number_of_patches(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(surface_patches, "MAX_PIECES", 2000)
+    sizes = np.array([0.8, 0.6, 0.4]), np.array([80.0, 60.0, 40.0])
+    large, huge = (SurfacePatches.from_mesh(mesh_of(trimesh.creation.box(s))) for s in sizes)
+    assert 100 < len(huge) < 2000
+    assert len(large) == pytest.approx(len(huge), rel=0.1)
 
 
 def test_joined_patches_keep_their_triangles() -> None:

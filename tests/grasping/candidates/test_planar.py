@@ -54,6 +54,20 @@ def test_a_flat_top_seen_from_straight_above_can_be_held_at_its_unseen_sides(noi
     assert (found.grasps.translation[:, 2] + GRIPPER.tip_reach < 0.7).all()  # above the table
 
 
+def test_the_table_bounds_the_contacts_of_a_steep_approach_and_of_no_other():
+    pose, scene, region = seen([Box((0.06, 0.05, 0.014))])
+    checks = Feasibility.at(region, scene, GRIPPER, CONFIG.feasibility, 0.05)
+    tilted = planar.HeightMap.of(region.points, pose[:3, :3] @ [0.0, 0.6, -0.8])
+    depths = planar._slice_depths(tilted, checks)
+    assert len(depths) > 1
+    assert all(slice_at == contacts for slice_at, contacts in depths)
+    above = planar.HeightMap.of(region.points, -pose[:3, 2])
+    depths = planar._slice_depths(above, checks)
+    tips = [above.points_at(np.zeros((1, 2)), at + GRIPPER.tip_reach) for _, at in depths]
+    lowest = CONFIG.feasibility.min_table_distance + CONFIG.feasibility.body_margin
+    assert scene.plane.height(np.concatenate(tips)).min() == pytest.approx(lowest)
+
+
 @pytest.mark.parametrize("shape", [Box((0.06, 0.05, 0.1)), Can(0.03, 0.08)])
 def test_the_pairs_of_a_slice_equal_those_of_a_loop(shape):
     _, scene, region = seen([shape, Box((0.03, 0.03, 0.15), (0.0, -0.08, 0.0))])
@@ -80,7 +94,7 @@ def test_the_pairs_of_a_slice_equal_those_of_a_loop(shape):
 @settings(max_examples=25, deadline=None)
 def test_a_cell_holds_the_depth_of_its_nearest_point(seed, count):
     rng = np.random.default_rng(seed)
-    local = rng.uniform(-0.05, 0.05, (count, 3)) * rng.choice([0.05, 1.0])
+    local = rng.uniform(-0.05, 0.05, (count, 3)) * rng.choice([0.05, 1.0, 8.0], 3)
     low, cell, depth = planar._nearest_in_cells(local)
     np.testing.assert_array_equal(low, local[:, 1:].min(axis=0))
     extent = np.ptp(local[:, 1:], axis=0)

@@ -55,6 +55,15 @@ def test_a_region_is_cut_where_it_reaches_the_border_of_the_measured_pixels(side
     np.testing.assert_array_equal(ends, np.array(SIDES[:4]) == side)
 
 
+def test_pixels_of_a_region_without_depth_cut_it_nowhere():
+    depth, mask = np.full((240, 320), 0.7), np.zeros((240, 320), bool)
+    mask[100:140, :60] = True
+    sides = (0, 319), (0, 239)
+    assert ImageBorder.of(mask, depth, sides, CAMERA).low.tolist() == [0.0, -np.inf]
+    depth[100:140, :10] = 0.0
+    assert ImageBorder.of(mask, depth, sides, CAMERA) is None
+
+
 @pytest.mark.parametrize("side", SIDES)
 def test_no_finger_closes_where_the_image_cuts_an_object_off(side):
     whole, index = render([BOX], POSE)

@@ -134,11 +134,14 @@ def test_an_axis_that_several_starts_reach_has_all_their_sources(can, monkeypatc
     axis = upright(pose)
     same = RotationSymmetry(-axis.axis, axis.point + 0.1 * axis.axis)
     beside = upright(pose, (0.012, 0, 0))
-    for other, expected in ((same, NETWORK | SHAPE), (beside, NETWORK)):
+    tilted = RotationSymmetry(
+        unit(axis.axis + 0.3 * unit(np.cross(axis.axis, [1, 0, 0]))), axis.point
+    )
+    for other, expected in ((same, NETWORK | SHAPE), (beside, NETWORK), (tilted, NETWORK)):
         fitted = FittedAxes(
             [axis, other, other],
             SphereSymmetry(axis.point),
-            np.array([[0.7, 0.8, 1.0], [0.7, 0.7, 1.0], [0.7, 0.3, 1.0], [0.1, 0.1, 0.5]]),
+            np.array([[0.9, 0.8, 1.0], [0.7, 0.7, 1.0], [0.1, 0.1, 0.5], [0.1, 0.1, 0.5]]),
             np.array([NETWORK, SHAPE, SHAPE, NETWORK]),
         )
         monkeypatch.setattr(

@@ -12,8 +12,9 @@ from pipelines.grasping.passes import RegionModel
 from pipelines.grasping.planner import RegionPlanner
 from pipelines.grasping.scene import RegionCloud
 from pipelines.grasping.symmetries.completion import Completion, completions, hidden_points
-from tests.geometry.tabletops import Can, looking_at_table, render
-from tests.grasping.seen_regions import believed, scene_of
+from tests.geometry.tabletops import Box, Can, looking_at_table, render
+from tests.grasping.seen_regions import believed, box_planes, scene_of
+from tests.grasping.seen_regions import seen as view_of_box
 
 CONFIG = SelectionConfig()
 RESOLUTION = CONFIG.feasibility.scene_resolution
@@ -65,6 +66,15 @@ def test_symmetries_fill_in_the_unseen_side():
     np.testing.assert_allclose(np.linalg.norm(side[:, :2], axis=1), TARGET.radius, atol=0.002)
     assert (side[:, 1] > 0.02).any()  # the far side
     assert len(hidden_points(region, [], scene, RESOLUTION)) == 0
+
+
+def test_a_mirror_plane_fills_in_the_back_of_a_box():
+    pose, scene, region = view_of_box([Box((0.06, 0.09, 0.1))])
+    hidden = hidden_points(region, box_planes(pose, 0.1).between(0.5), scene, RESOLUTION)
+    local = transform_points(invert(pose), hidden)
+    assert (np.abs(local) < [0.032, 0.047, 0.102]).all()
+    back = local[local[:, 1] > 0.043]  # the camera sees the side of y = -0.045
+    np.testing.assert_allclose(np.ptp(back[:, [0, 2]], axis=0), [0.06, 0.1], atol=0.01)
 
 
 def test_each_region_is_completed_by_its_own_symmetries():

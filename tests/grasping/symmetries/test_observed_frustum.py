@@ -39,14 +39,14 @@ def test_points_where_nothing_was_measured_may_be_real():
     assert in_observed_frustum(np.array([[0.0, 0.0, 0.5]]), scene).all()
 
 
-@given(seeds, st.sampled_from([0.02, 0.3, 0.6]))
+@given(seeds, st.sampled_from([0.02, 0.6, 0.97]))
 @settings(max_examples=25, deadline=None)
 def test_the_nearest_pixel_around_a_point_decides(seed, unseen):
     rng = np.random.default_rng(seed)
-    camera = Intrinsics(900.0, 900.0, 15.0, 11.0, 32, 24)
+    camera = Intrinsics(300.0, 300.0, 15.0, 11.0, 32, 24)
     depth = rng.uniform(0.45, 0.6, (24, 32)) * (rng.uniform(size=(24, 32)) > unseen)
     depth[:, :16] *= rng.integers(2)  # no depth at all about some points
-    points = np.column_stack([rng.uniform(-0.01, 0.01, (80, 2)), rng.uniform(0.4, 0.6, 80)])
+    points = np.column_stack([rng.uniform(-0.03, 0.03, (80, 2)), rng.uniform(0.4, 0.6, 80)])
     points[::9, 2] *= -1.0
     found = in_observed_frustum(points, SceneCloud(depth, camera))
     pixels, inside = camera.pixels_of(points)

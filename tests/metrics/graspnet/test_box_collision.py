@@ -33,6 +33,7 @@ def test_triangles_find_all_collisions_of_the_cloud_and_more(shared):
     exact = exact_collision(mesh, from_graspnet(rows), rows[:, 3])[0]
     cloud, empty = cloud_collision(mesh, from_graspnet(rows), rows[:, 3])
     assert exact[cloud & ~empty].all()
+    assert 0 < (cloud & ~empty).sum() < exact.sum()
 
 
 def test_the_number_of_pairs_in_a_block_does_not_change_verdicts(monkeypatch):

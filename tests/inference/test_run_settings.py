@@ -1,0 +1,18 @@
+"""The planner of a run has the models that its method uses."""
+
+from pathlib import Path
+
+import pytest
+
+from pipelines.configs import InferConfig
+from pipelines.inference.run_settings import InferPaths, RunSettings
+
+
+@pytest.mark.parametrize(
+    ("method", "is_fitted"), [("symmetry-icp", True), ("planar", False), ("random", False)]
+)
+def test_only_the_method_that_fits_symmetries_finds_them_without_a_network(method, is_fitted):
+    config = InferConfig(regions="geometric", method=method)
+    planner = RunSettings(InferPaths(Path(), Path()), config, 0, "cpu", timings=False).planner()
+    assert planner.predictor is None
+    assert (planner.symmetry_peer is not None) == is_fitted

@@ -80,7 +80,7 @@ def likely_axis_and_sphere(
 ) -> tuple[tuple[RotationSymmetry, float, int], tuple[SphereSymmetry, float, int]]:
     """Return the most likely axis, and the sphere, each with its confidence and its source."""
     fitted = fitted_axes(region)
-    confidence = critic.probability(*critic_inputs(fitted, region))
+    confidence = critic.probability(*axis_critic_inputs(fitted, region))
     chosen = int(confidence[:-1].argmax())
     best = fitted.axes[chosen]
     alike = [_are_one(best, each) for each in fitted.axes]
@@ -132,7 +132,9 @@ def _fitted_sphere(region: RegionEvidence) -> tuple[SphereSymmetry, list[float],
     return sphere, [existence, fit.support, float(free.mean())], NETWORK if by_network else SHAPE
 
 
-def critic_inputs(fitted: FittedAxes, region: RegionEvidence) -> tuple[Singles, Singles, Singles]:
+def axis_critic_inputs(
+    fitted: FittedAxes, region: RegionEvidence
+) -> tuple[Singles, Singles, Singles]:
     """Return the axis critic's features of k candidates: (k, 128, 16), (k, 4) and (k, 6)."""
     axis, foot = _lines(fitted, region)
     frames = _frames(axis, foot)

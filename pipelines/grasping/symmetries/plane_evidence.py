@@ -56,7 +56,7 @@ def likely_planes(
     Each plane comes with its confidence and its source. `axis`: the region's most likely axis.
     """
     planes, sources = fitted_planes(region, axis)
-    confidence = critic.probability(*critic_inputs(planes, region))
+    confidence = critic.probability(*plane_critic_inputs(planes, region))
     order = np.argsort(-confidence, kind="stable")
     chosen, _ = merged_planes([planes[i] for i in order], sources[order], RIVALS, np.inf)
     scored = {id(planes[i]): (float(confidence[i]), int(sources[i])) for i in order}
@@ -77,7 +77,7 @@ def fitted_planes(
     return merged_planes([*starts, *better], np.concatenate([sources, sources]), *SAME_FIT)
 
 
-def critic_inputs(
+def plane_critic_inputs(
     planes: list[ReflectionSymmetry], region: RegionEvidence
 ) -> tuple[Singles, Singles, Singles]:
     """Return the plane critic's features of k planes: (k, 128, 14), (k, 3) and (k, 9)."""

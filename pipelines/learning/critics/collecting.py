@@ -118,7 +118,7 @@ class Collector:
             true = np.array([symmetry_truth(each, truth) for each in fitted.symmetries])
             slot = np.full(len(true), ROTATION_SLOT)
             slot[-1] = SPHERE_SLOT
-            inputs = axis_evidence.critic_inputs(fitted, evidence)
+            inputs = axis_evidence.axis_critic_inputs(fitted, evidence)
             yield CriticRows.of_group(*inputs, true, slot)
 
     def _planes(self, frame: ObservedFrame) -> Iterator[CriticRows]:
@@ -130,7 +130,7 @@ class Collector:
             planes = plane_evidence.fitted_planes(evidence, axis)[0]
             true = np.array([symmetry_truth(plane, truth) for plane in planes])
             slot = np.full(len(planes), REFLECTION_SLOTS[0])
-            inputs = plane_evidence.critic_inputs(planes, evidence)
+            inputs = plane_evidence.plane_critic_inputs(planes, evidence)
             yield CriticRows.of_group(*inputs, true, slot)
 
     def _grasps(self, frame: ObservedFrame, rng: np.random.Generator) -> Iterator[CriticRows]:

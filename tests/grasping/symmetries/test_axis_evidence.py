@@ -12,7 +12,7 @@ from pipelines.grasping.symmetries.axis_evidence import (
     FEATURES,
     POINT_FEATURES,
     FittedAxes,
-    critic_inputs,
+    axis_critic_inputs,
     fitted_axes,
     likely_axis_and_sphere,
 )
@@ -55,7 +55,7 @@ def judged(view, axes):
     """The critic's probability and the features of `axes`, which all have the same shares."""
     sphere, shares = SphereSymmetry(view[2][:3, 3]), np.full((len(axes) + 1, 3), 0.7)
     fitted = FittedAxes(axes, sphere, shares, np.full(len(shares), SHAPE))
-    inputs = critic_inputs(fitted, evidence_of(view))
+    inputs = axis_critic_inputs(fitted, evidence_of(view))
     return CRITIC.probability(*inputs), inputs
 
 

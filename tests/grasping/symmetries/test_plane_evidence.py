@@ -11,9 +11,9 @@ from pipelines.grasping.scene import SceneCloud
 from pipelines.grasping.symmetries.plane_candidates import candidate_planes
 from pipelines.grasping.symmetries.plane_evidence import (
     FEATURES,
-    critic_inputs,
     fitted_planes,
     likely_planes,
+    plane_critic_inputs,
 )
 from pipelines.grasping.symmetries.region_evidence import RegionEvidence
 from pipelines.inference import models
@@ -45,7 +45,7 @@ def box_planes(pose):
 
 
 def features(planes, known):
-    return critic_inputs(planes, known)[2]
+    return plane_critic_inputs(planes, known)[2]
 
 
 def row(plane, known):
@@ -69,7 +69,7 @@ def test_true_planes_are_more_likely_than_planes_shifted_from_the_middle(box):
     known = evidence_of(box)
     for truth in box_planes(box[2]):
         aside = ReflectionSymmetry(truth.normal, truth.point + 0.02 * truth.normal)
-        right, wrong = CRITIC.probability(*critic_inputs([truth, aside], known))
+        right, wrong = CRITIC.probability(*plane_critic_inputs([truth, aside], known))
         assert right > 2 * wrong
 
 

@@ -195,9 +195,11 @@ def _pixels_of_sides(
     height, width = z.shape
     seen = inliers.copy()
     waiting = np.empty(height * width, np.int64)
-    first = np.flatnonzero(inliers)
-    top, count = len(first), 0
-    waiting[:top] = first
+    top, count = 0, 0
+    for pixel in range(height * width):
+        if inliers[pixel // width, pixel % width]:
+            waiting[top] = pixel
+            top += 1
     while top:
         top -= 1
         row, column = divmod(waiting[top], width)

@@ -122,7 +122,7 @@ def test_a_finished_critic_is_skipped_and_other_settings_are_refused(roots, outp
         assert run(name, roots, path).skipped == [path.name]
         assert path.read_bytes() == before
     other = replace(CONFIG, infer=replace(CONFIG.infer, mirrored=True))
-    with pytest.raises(SymgraspError, match="made with other data"):
+    with pytest.raises(SymgraspError, match="made with another config and other data"):
         run("axes", roots, outputs["axes"], other)
     with pytest.raises(SymgraspError, match="made with another config"):
         run("planes", roots, outputs["planes"], replace(CONFIG, epochs=4))
@@ -193,7 +193,7 @@ def test_wrong_roots_are_refused_in_a_sentence(roots, tmp_path):
         run("grasps", [roots[0], roots[0]], path)
     (tmp_path / "scenes").mkdir()
     with pytest.raises(SymgraspError, match="holds no scene"):
-        run("axes", [tmp_path], path)
+        run("axes", [tmp_path], path, held_out=roots[1:])
     records = [ObjectRecord(0, "o", "can", "wide_similar")]
     object_list.write(tmp_path / "objects.json", records, make_stamp("test", {}))
     for learned, held_out in (([tmp_path], roots[1:]), (roots[:1], [tmp_path])):
@@ -210,7 +210,7 @@ def test_a_faulty_scene_fails_alone_and_no_critic_is_written(roots, tmp_path):
     scene = broken.scenes()[0]
     min(scene.camera_folder.glob("depth/*.png")).write_bytes(b"no picture")
     path = tmp_path / "axes.safetensors"
-    report = run("axes", [broken.root], path)
+    report = run("axes", [broken.root], path, held_out=roots[1:])
     assert [*report.failed] == [f"learned/{scene.name}"]
     assert not path.exists()
 

@@ -166,8 +166,8 @@ def _lines(fitted: FittedAxes, region: RegionEvidence) -> tuple[Array, Array]:
 def _frames(axis: Array, foot: Array) -> Array:
     """Return the normal of the plane of axis and line of sight, the axis, and across: (k, 3, 3)."""
     sight = foot - np.einsum("ki,ki->k", foot, axis)[:, None] * axis
-    end_on = np.linalg.norm(sight, axis=1) < FACING_CAMERA * np.linalg.norm(foot, axis=1)
-    away = unit(np.where(end_on[:, None], basis_from_direction(axis)[..., 1], sight))
+    faced = np.linalg.norm(sight, axis=1) > FACING_CAMERA * np.linalg.norm(foot, axis=1)
+    away = unit(np.where(faced[:, None], sight, basis_from_direction(axis)[..., 1]))
     normal = cross(axis, away)
     return np.stack([normal, axis, cross(normal, axis)], axis=1)
 

@@ -115,10 +115,13 @@ def test_numbers_of_a_can_agree_with_their_names(can):
 
 def test_an_axis_along_the_line_of_sight_and_a_scene_without_table_give_finite_numbers(can):
     scene, region, pose = can
-    away = RotationSymmetry(unit(region.points.mean(axis=0)), region.points.mean(axis=0))
+    middle = region.points.mean(axis=0)
+    away = RotationSymmetry(unit(middle), middle)
+    aside = unit(np.cross(middle, [1.0, 0.0, 0.0]))
+    through_camera = RotationSymmetry(aside, -float(middle @ aside) * aside)
     for plane in (scene.plane, None):
         view = SceneCloud(scene.depth, scene.intrinsics, plane), region, pose
-        for inputs in judged(view, [away])[1]:
+        for inputs in judged(view, [away, through_camera])[1]:
             assert np.isfinite(inputs).all()
 
 

@@ -97,10 +97,10 @@ class Trial:
         self._close()
         before = self._in_gripper()
         self._lift()
-        high = self._height - height > self.config.lift - self.config.max_slip
-        if not (high and self.gripper.touches(self.body)):
+        if not self._is_raised(height):
             return Outcome("not lifted")
-        self._tug()
+        if self._height - height > self._least_rise:
+            self._tug()
         slip, turn = _change(before, self._in_gripper())
         return Outcome(self._verdict(height, slip, turn), slip, turn)
 
@@ -152,11 +152,20 @@ class Trial:
             self.data.xfrc_applied[self.body] = 0.0
             self._wait(place, REST_SECONDS)
 
+    @property
+    def _least_rise(self) -> float:
+        """Height in metres that an object rises at least unless it slips too far."""
+        return self.config.lift - self.config.max_slip
+
+    def _is_raised(self, height: float) -> bool:
+        """Return whether the fingers hold the object half of the lift above `height` or more."""
+        rise = self._height - height
+        return rise > self.config.lift / 2.0 and self.gripper.touches(self.body)
+
     def _verdict(self, height: float, slip: float, turn: float) -> str:
-        high = self._height - height > self.config.lift - self.config.max_slip
-        if not (high and self.gripper.touches(self.body)):
+        if not self._is_raised(height):
             return "dropped"
-        if slip >= self.config.max_slip:
+        if slip >= self.config.max_slip or self._height - height <= self._least_rise:
             return "slipped"
         return "turned" if turn >= self.config.max_turn else HELD
 

@@ -70,6 +70,17 @@ def test_the_same_grasp_drops_with_slippery_fingers(shape):
     assert attempt(*SHAPES[shape], 0.05).reason == "not lifted"
 
 
+@pytest.mark.parametrize(("friction", "reason"), [(0.08, "slipped"), (0.085, "held")])
+def test_an_object_that_slides_along_the_lift_and_stays_in_the_fingers_slips(friction, reason):
+    mesh, height, width, above = SHAPES["box"]
+    grasp = GraspPoses(DOWN, np.array([0.0, 0.0, height + above]), np.array(width))
+    pose, config = make_pose(np.eye(3), [0.0, 0.0, height]), SimulateConfig(max_slip=0.01)
+    trial = Trial.of({7: [mesh]}, {7: pose}, 7, grasp, load_gripper("rg2"), config)
+    outcome = trial.run(friction)
+    assert outcome.reason == reason
+    assert 0.005 < outcome.slip < 0.03
+
+
 def test_a_wall_next_to_the_object_stops_the_approach_and_a_far_one_does_not():
     mesh, height, width, above = SHAPES["box"]
     grasp = GraspPoses(DOWN, np.array([0.0, 0.0, height + above]), np.array(width))

@@ -6,35 +6,13 @@ import numpy as np
 import pytest
 import trimesh
 
-from pipelines.geometry.camera import Intrinsics
-from pipelines.geometry.meshes.mesh import Mesh
-from pipelines.geometry.pointcloud import Plane
-from pipelines.geometry.rendering import Scene, cast_view
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SymmetrySlots
-from pipelines.geometry.transforms import invert, make_pose, rotate_vectors, unit
-from pipelines.grasping.scene import RegionCloud, SceneCloud
+from pipelines.geometry.transforms import make_pose, unit
 from pipelines.grasping.symmetries.grounding import ground_symmetries
 from pipelines.inference import models
+from tests.grasping.symmetries.views import view_of, view_of_box
 
-CAMERA = Intrinsics(460.0, 460.0, 159.5, 119.5, 320, 240)
 CRITICS = models.symmetry_critics()
-
-
-def view_of(shape):
-    """A scene with `shape` on a table seen from 45 degrees above, its region and its pose."""
-    table = trimesh.creation.box((1.0, 1.0, 0.01))
-    height = -float(shape.bounds[0, 2])
-    T_world_cam = np.eye(4)
-    T_world_cam[:3, :3] = np.array([[1, 0, 0], [0, -np.sqrt(0.5), np.sqrt(0.5)], [0, 0, 0]])
-    T_world_cam[2, :3] = [0, -np.sqrt(0.5), -np.sqrt(0.5)]
-    T_world_cam[:3, 3] = [0, -0.4, 0.4 + height]
-    meshes = [Mesh(shape.vertices, shape.faces), Mesh(table.vertices, table.faces)]
-    poses = [make_pose(np.eye(3), [0, 0, height]), make_pose(np.eye(3), [0, 0, -0.005])]
-    hits = cast_view(Scene(meshes, poses), CAMERA, T_world_cam)
-    T_cam_world = invert(T_world_cam)
-    up = rotate_vectors(T_cam_world, [0, 0, 1.0])
-    scene = SceneCloud(hits.depth, CAMERA, Plane(up, -float(up @ T_cam_world[:3, 3])))
-    return scene, RegionCloud.from_mask(hits.object_index == 0, scene), T_cam_world @ poses[0]
 
 
 def disturbed(symmetry, degrees, rng):
@@ -51,11 +29,7 @@ def can():
 
 @pytest.fixture(scope="module")
 def box():
-    return view_of(
-        trimesh.creation.box((0.05, 0.09, 0.12)).apply_transform(
-            trimesh.transformations.rotation_matrix(0.6, [0, 0, 1])
-        )
-    )
+    return view_of_box()
 
 
 def uncertain(symmetries):

@@ -17,7 +17,7 @@ from pipelines.grasping.symmetries.mirror_views import (
     plane_features,
     point_features,
 )
-from tests.grasping.symmetries.test_grounding import view_of
+from tests.grasping.symmetries.views import view_of_box
 
 NORMAL = slice(PlanePointFeature.NORMAL_NORMAL, PlanePointFeature.NORMAL_ACROSS + 1)
 DISTANCE, GAP = PlanePointFeature.IMAGE_DISTANCE, PlanePointFeature.IMAGE_GAP
@@ -28,8 +28,7 @@ HEIGHT, IMAGE_HEIGHT = PlanePointFeature.HEIGHT, PlanePointFeature.IMAGE_HEIGHT
 
 @pytest.fixture(scope="module")
 def box():
-    turn = trimesh.transformations.rotation_matrix(0.6, [0, 0, 1])
-    return view_of(trimesh.creation.box((0.05, 0.09, 0.12)).apply_transform(turn))
+    return view_of_box()
 
 
 def planes_of(pose):

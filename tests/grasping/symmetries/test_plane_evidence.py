@@ -15,24 +15,16 @@ from pipelines.grasping.symmetries.plane_evidence import (
     likely_planes,
     plane_critic_inputs,
 )
-from pipelines.grasping.symmetries.region_evidence import RegionEvidence
 from pipelines.inference import models
-from tests.grasping.symmetries.test_grounding import view_of
+from tests.grasping.symmetries.views import SILENT, evidence_of, view_of_box
 
 CRITIC = models.symmetry_critics().planes
 UPRIGHT = RotationSymmetry([0, 0, 1], [9, 9, 9])
-SILENT = SymmetrySlots(np.zeros(5), np.full((5, 3), 9.0), np.tile(unit([1.0, 2.0, 3.0]), (5, 1)))
 
 
 @pytest.fixture(scope="module")
 def box():
-    turn = trimesh.transformations.rotation_matrix(0.6, [0, 0, 1])
-    return view_of(trimesh.creation.box((0.05, 0.09, 0.12)).apply_transform(turn))
-
-
-def evidence_of(view, slots=SILENT):
-    scene, region, _ = view
-    return RegionEvidence.of(slots, region, scene)
+    return view_of_box()
 
 
 def axis_of(view):

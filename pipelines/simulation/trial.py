@@ -158,9 +158,12 @@ class Trial:
         return self.config.lift - self.config.max_slip
 
     def _is_raised(self, height: float) -> bool:
-        """Return whether the fingers hold the object half of the lift above `height` or more."""
-        rise = self._height - height
-        return rise > self.config.lift / 2.0 and self.gripper.touches(self.body)
+        """Return whether the fingers hold the object half of the lift above `height` or more.
+
+        Less is enough if `max_slip` allows more than half of the lift.
+        """
+        least = min(self.config.lift / 2.0, self._least_rise)
+        return self._height - height > least and self.gripper.touches(self.body)
 
     def _verdict(self, height: float, slip: float, turn: float) -> str:
         if not self._is_raised(height):

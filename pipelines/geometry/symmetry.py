@@ -203,6 +203,10 @@ class SymmetrySlots:
             return RotationSymmetry(self.direction[slot], self.point[slot])
         return SphereSymmetry(self.point[slot])
 
+    def weighted_by(self, factor: float) -> "SymmetrySlots":
+        """Return the same symmetries with probabilities times `factor`."""
+        return replace(self, probability=self.probability * factor)
+
     def between(self, above: float, below: float = np.inf) -> list[tuple[int, Symmetry]]:
         """Return slots and symmetries with a probability between `above` and `below`."""
         slots = np.flatnonzero((self.probability > above) & (self.probability < below)).tolist()

@@ -35,9 +35,10 @@ class Plan:
         return len(self.grasps) > 0 and bool(self.grasps.slot[0] >= 0)
 
     def weighted_by(self, probability: float) -> Self:
-        """Return the plan with scores times the `probability` that the region is an object."""
-        scores = self.grasps.rank_score * probability
-        return replace(self, grasps=replace(self.grasps, rank_score=scores))
+        """Return the plan with scores and confidences times the `probability` of an object."""
+        weighted = replace(self.grasps, rank_score=self.grasps.rank_score * probability)
+        symmetries = self.symmetries and self.symmetries.weighted_by(probability)
+        return replace(self, grasps=weighted, symmetries=symmetries)
 
     @property
     def existence(self) -> Array:

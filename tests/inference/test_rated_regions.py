@@ -8,10 +8,11 @@ import pytest
 from pipelines.configs import InferConfig
 from pipelines.frames.rgbd import Frame
 from pipelines.grasp_files.gripper_files import load_gripper
+from pipelines.inference import models
 from pipelines.inference.frame_grasps import Planner
 from pipelines.inference.observation import observe
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
-from tests.inference.stand_ins import Detection, Detector
+from tests.inference.stand_ins import Detection, Detector, Prediction
 
 NEAR, FAR = Box((0.06, 0.09, 0.1), (-0.12, 0, 0)), Box((0.06, 0.09, 0.1), (0.12, 0, 0))
 DEPTH, INDEX = render([NEAR, FAR], looking_at_table())
@@ -56,6 +57,39 @@ def test_confidence_and_scores_grow_with_the_rating():
     best = np.array([r.grasps.rank_score[r.grasps.is_best] for r in results])
     np.testing.assert_allclose(best[:, 0], best[0, 0])
     np.testing.assert_allclose(best[:, 1] / confidence[:, 1], best[0, 1] / confidence[0, 1], 1e-5)
+
+
+class NoSymmetry:
+    """Predicts no symmetry, so that all candidates come from the shape."""
+
+    def predict(self, clouds, table):
+        return [
+            Prediction(
+                np.arange(0, len(cloud), 2),
+                np.ones(len(cloud[::2])),
+                np.zeros((len(cloud[::6]), 5)),
+                *np.zeros((2, len(cloud[::6]), 5, 3)),
+            )
+            for cloud in clouds
+        ]
+
+
+def test_confidence_of_symmetries_grows_with_the_rating():
+    critics = {"symmetry_critics": models.symmetry_critics(), "grasp_critic": models.grasp_critic()}
+    low, high = (
+        Planner(InferConfig(), load_gripper("rg2"), detector(rating), NoSymmetry(), **critics)
+        .plan(FRAME, np.random.default_rng(0))
+        .regions
+        for rating in (0.02, 0.9)
+    )
+    assert high.symmetry_confidence.max(axis=1).min() > 0.5
+    np.testing.assert_array_equal(low.symmetry_confidence[0], high.symmetry_confidence[0])
+    np.testing.assert_allclose(
+        low.symmetry_confidence[1] / low.confidence[1],
+        high.symmetry_confidence[1] / high.confidence[1],
+        rtol=1e-5,
+    )
+    assert low.confidence[1] < 0.8 * high.confidence[1]
 
 
 @pytest.mark.parametrize("rating", [0.0, 1.0])

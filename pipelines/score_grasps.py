@@ -8,7 +8,6 @@ Writes  VERDICTS.npz    contacts, smallest friction, antipodal score, collision:
 """
 
 import time
-from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
@@ -79,19 +78,12 @@ def run(
     unsure = config.compatible and not with_grid and not mesh.is_watertight
     if turned or unsure:
         report.notes[model.name] = "; ".join(filter(None, (turned, UNSURE if unsure else "")))
-    report.failed |= _named_faults(grasps, given.faults)
+    for row in sorted(given.faults)[:NAMED_FAULTS]:
+        report.failed[f"row {row}"] = f"{grasps} {given.faults[row]}; it is scored as failed"
+    if len(given.faults) > NAMED_FAULTS:
+        report.failed["other rows"] = f"{len(given.faults) - NAMED_FAULTS} more are no grasps"
     report.seconds = time.monotonic() - started
     return report
-
-
-def _named_faults(grasps: Path, faults: Mapping[int, str]) -> dict[str, str]:
-    """Return sentences about the first rows that are no grasps, and the number of the others."""
-    named = {
-        f"row {row}": f"{grasps} {faults[row]}; it is scored as failed"
-        for row in sorted(faults)[:NAMED_FAULTS]
-    }
-    more = len(faults) - NAMED_FAULTS
-    return named | {"other rows": f"{more} more are no grasps"} if more > 0 else named
 
 
 def score(

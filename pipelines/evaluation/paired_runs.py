@@ -132,19 +132,14 @@ def paired_frames(runs: Sequence[EvaluatedRun]) -> list[str]:
                 "runs are paired by the names of their frames"
             )
         for name in common:
-            _refuse_other_truth(name, first, other)
+            one, two = first.truth[first.frames[name]], other.truth[other.frames[name]]
+            if one != two:
+                differing = "visible objects" if one[0] != two[0] else "masks or symmetries to find"
+                raise SymgraspError(
+                    f"{name} has other {differing} in {other.name} than in {first.name}; "
+                    "evaluate both on one dataset, with the same labels and settings"
+                )
     shared = set(first.frames).intersection(*(other.frames for other in others))
     if not shared:
         raise SymgraspError("no frame is in all of the runs; compare fewer of them")
     return sorted(shared)
-
-
-def _refuse_other_truth(name: str, first: EvaluatedRun, other: EvaluatedRun) -> None:
-    """Raise SymgraspError if the truth of the frame `name` differs between the runs."""
-    one, two = first.truth[first.frames[name]], other.truth[other.frames[name]]
-    if one != two:
-        differing = "visible objects" if one[0] != two[0] else "masks or symmetries to find"
-        raise SymgraspError(
-            f"{name} has other {differing} in {other.name} than in {first.name}; "
-            "evaluate both on one dataset, with the same labels and settings"
-        )

@@ -158,11 +158,7 @@ def infer_frame(item: WorkItem, settings: RunSettings) -> str | None:
 def _drawn_by_user(
     paths: InferPaths, name: str, frame: Frame
 ) -> tuple[NDArray[np.int32] | None, Mask | None]:
-    """Return instance masks and workspace (H, W); users draw both on the images as taken.
-
-    Raises:
-        ValueRangeError: the masks have another size than the depth.
-    """
+    """Return instance masks and workspace (H, W), which users draw on the images as taken."""
     masks = None if paths.masks is None else read_masks(paths.masks, name)
     shape = frame.depth.shape
     if masks is not None and masks.shape != shape:

@@ -64,7 +64,14 @@ def read_pcd(path: Path) -> dict[str, NDArray[Any]]:
 
 
 def _header(path: Path, content: bytes) -> Header:
-    facts, start = _facts(content)
+    facts: dict[str, list[str]] = {}
+    start = 0
+    for line in content[:HEADER_BYTES].splitlines(keepends=True):
+        start += len(line)
+        key, *values = line.decode("ascii", errors="replace").split() or [""]
+        facts[key] = values
+        if key == "DATA":
+            break
     try:
         width, height = (int(facts[key][0]) for key in ("WIDTH", "HEIGHT"))
         names, form = facts["FIELDS"], facts["DATA"][0]
@@ -86,19 +93,6 @@ def _header(path: Path, content: bytes) -> Header:
         found = f"announces {header.count * header.point_bytes} bytes"
         raise FormatError(path, found, f"at most {MAX_BYTES} are read")
     return header
-
-
-def _facts(content: bytes) -> tuple[dict[str, list[str]], int]:
-    """Return the values in the header by key, and the number of its bytes."""
-    facts: dict[str, list[str]] = {}
-    start = 0
-    for line in content[:HEADER_BYTES].splitlines(keepends=True):
-        start += len(line)
-        key, *values = line.decode("ascii", errors="replace").split() or [""]
-        facts[key] = values
-        if key == "DATA":
-            break
-    return facts, start
 
 
 def _text_columns(path: Path, header: Header, body: bytes) -> dict[str, NDArray[Any]]:

@@ -20,7 +20,7 @@ from pipelines.learning.grasp_network.grasp_training import VALIDATION_BATCH, Gr
 from pipelines.learning.grasp_network.region_sources import RegionSet, TrainingRegions
 from pipelines.learning.loop.loaders import load_regions
 from pipelines.network.augmentation import scaled_copy
-from pipelines.network.model import UNITS_PER_METRE, SymmetryGraspNet
+from pipelines.network.model import UNITS_PER_METER, SymmetryGraspNet
 from pipelines.network.regions import RegionBatch
 from pipelines.network.weights_files import fill, read_weights
 
@@ -60,7 +60,7 @@ def deformed_points(network: SymmetryGraspNet, regions: RegionBatch) -> Tensor:
     deformation = features.deformation
     if deformation is None:
         raise ValueError("the network deforms no points")
-    return deformation.deform(regions.points * UNITS_PER_METRE)
+    return deformation.deform(regions.points * UNITS_PER_METER)
 
 
 def offset(

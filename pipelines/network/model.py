@@ -15,7 +15,7 @@ from pipelines.network.pointnet2 import FeaturePropagation, SetAbstraction
 from pipelines.network.sampling import gather
 
 # Inside the network lengths are decimetres: a household object is then about one unit long.
-UNITS_PER_METRE = 10.0
+UNITS_PER_METER = 10.0
 
 # Per level: widths of the set abstraction's three layers; the last one is also the width of the
 # propagation back to the second and the third level.
@@ -94,13 +94,13 @@ class SymmetryGraspNet(nn.Module):
             query: indices of points.
             camera: metres, camera's place in the frame of the points; for networks that see it.
         """
-        points = points * UNITS_PER_METRE
+        points = points * UNITS_PER_METER
         first = points  # P_0; its own coordinates, and heights, are its first features
         if self.sees_height:
             ground = points.new_zeros(len(points)) if ground is None else ground
-            first = torch.cat([points, _heights(points, ground * UNITS_PER_METRE)], -1)
+            first = torch.cat([points, _heights(points, ground * UNITS_PER_METER)], -1)
         if self.sees_camera:
-            place = torch.zeros_like(points[:, 0]) if camera is None else camera * UNITS_PER_METRE
+            place = torch.zeros_like(points[:, 0]) if camera is None else camera * UNITS_PER_METER
             first = torch.cat([first, functional.normalize(place[:, None] - points, dim=-1)], -1)
         canonical = self._deformation(0, points, first)
         if canonical is not None and self.is_canonical:
@@ -141,7 +141,7 @@ class SymmetryGraspNet(nn.Module):
         affordance, existence, center, direction = self.heads(values, stride)
         if features.deformation is not None:
             center, direction = _undone(features.deformation, center, direction)
-        return Prediction(values, affordance, existence, center / UNITS_PER_METRE, direction)
+        return Prediction(values, affordance, existence, center / UNITS_PER_METER, direction)
 
     def forward(
         self,

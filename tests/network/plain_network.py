@@ -12,7 +12,7 @@ from torch.nn import functional
 
 from pipelines.configs import NetworkConfig
 from pipelines.network.heads import POSITIVE_SHIFT
-from pipelines.network.model import UNITS_PER_METRE, Prediction
+from pipelines.network.model import UNITS_PER_METER, Prediction
 from pipelines.network.pift import (
     MAX_LOG_SCALE,
     MAX_POINTS,
@@ -32,14 +32,14 @@ class PlainNetwork:
 
     def __call__(self, clouds: Tensor) -> Prediction:
         """Return predictions (B, N, ...) at points (B, N, 3), metres; the table is unknown."""
-        features = torch.stack([self._features(cloud * UNITS_PER_METRE) for cloud in clouds])
+        features = torch.stack([self._features(cloud * UNITS_PER_METER) for cloud in clouds])
         affordance, existence, center, direction = self._heads(features)
         if self.use_pift and self.config.canonical_frame:
             for b, cloud in enumerate(clouds):
                 T, about = self._pift(
-                    0, cloud * UNITS_PER_METRE, self._first(cloud * UNITS_PER_METRE)
+                    0, cloud * UNITS_PER_METER, self._first(cloud * UNITS_PER_METER)
                 )
-                about = about / UNITS_PER_METRE
+                about = about / UNITS_PER_METER
                 center[b] = (center[b] - about) @ torch.linalg.inv(T).T + about
                 direction[b, :, :3] = functional.normalize(direction[b, :, :3] @ T, dim=-1)
                 axis = direction[b, :, 3] @ torch.linalg.inv(T).T
@@ -139,7 +139,7 @@ class PlainNetwork:
                 x = torch.relu(self._linear(f"heads.{head}.{layer}", x))
             numbers[head] = self._linear(f"heads.{head}.6", x)
         symmetry = numbers["symmetry"]
-        center = symmetry[..., :15].unflatten(-1, (5, 3)) / UNITS_PER_METRE
+        center = symmetry[..., :15].unflatten(-1, (5, 3)) / UNITS_PER_METER
         six = symmetry[..., 15:].unflatten(-1, (4, 6))
         six = six / (six.norm(dim=-1, keepdim=True) + 1e-6)
         matrix = six[..., [0, 3, 4, 3, 1, 5, 4, 5, 2]].unflatten(-1, (3, 3))

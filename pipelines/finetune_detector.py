@@ -14,7 +14,6 @@ Writes  NAME.safetensors             the best weights so far by mask AP50 on uns
 import json
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -76,13 +75,10 @@ def run(
             return StageReport(STAGE, skipped=[output.name])
         # Before the frames are prepared, so that wrong weights are named at once.
         detector = starting_detector(config, request.seed, coco_weights, init)
-        with processes.one_first():  # the other processes find all frames prepared
-            options = options or BatchOptions()
-            # The other processes must not overwrite the frames that the first has just prepared.
-            options = replace(options, overwrite=options.overwrite and processes.is_first)
+        with processes.one_first(options or BatchOptions()) as batch:
             prepared = StageReport(STAGE)
             for root, items in scenes.items():
-                prepared.add(prepare(root, items, config, options), f"{_name(root)}/")
+                prepared.add(prepare(root, items, config, batch), f"{_name(root)}/")
         if prepared.failed:
             return prepared
         ready = [*prepared.done, *prepared.skipped]

@@ -89,13 +89,13 @@ def run(
     sources = numbered_meshes(meshes, output)
     report = StageReport(STAGE)
     was_finished = not options.dry_run and mark_unfinished(output, STAGE)
-    if in_place and mesh_scale is None:
-        sources = _in_metres(report, sources)
     if not in_place:
         items = [_model_item(root, source, mesh_scale) for source in sources]
         sources = _run_step(report, sources, items, _write_model, options)
-    if not in_place and not options.dry_run:
-        write_object_list(meshes, output, sources, STAGE)
+        if not options.dry_run:
+            write_object_list(meshes, output, sources, STAGE)
+    elif mesh_scale is None:
+        sources = _in_metres(report, sources)
     if sdf and not options.dry_run:
         items = [_grid_item(root, source) for source in sources]
         sources = _run_step(report, sources, items, _write_grid, options)

@@ -73,11 +73,9 @@ def run(
         earlier = find_progress(output, stamp, request)
         if earlier is not None and earlier.finished:
             return StageReport(STAGE, skipped=[output.name])
-        with processes.one_first():  # the other processes find all frames prepared
-            options = options or BatchOptions()
-            options = replace(options, overwrite=options.overwrite and processes.is_first)
+        with processes.one_first(options or BatchOptions()) as batch:
             step = partial(_prepare_scene, root=GraspNetRoot(root), peer=name, config=config)
-            prepared = run_batch(STAGE, items, step, options)
+            prepared = run_batch(STAGE, items, step, batch)
         if prepared.failed:
             return prepared
         targets = [item.target for item in items]

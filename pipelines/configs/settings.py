@@ -75,11 +75,11 @@ def changed(
             why = _before(REMOVED, config)[name]
             log.warning("%ssetting %s is left out: %s", where, name, why)
             continue
-        now = _before(RENAMED, config).get(name, name)
-        replaced = _before(RENAMED_VALUES, config).get(now, {})
+        current = _before(RENAMED, config).get(name, name)
+        replaced = _before(RENAMED_VALUES, config).get(current, {})
         wanted = replaced.get(value, value) if isinstance(value, str) else value
-        change = _Change(config, now, where, option or f"{where}{now}")
-        config = change.made(config, now.split("."), wanted)
+        change = _Change(config, current, where, option or f"{where}{current}")
+        config = change.made(config, current.split("."), wanted)
     return config
 
 
@@ -87,9 +87,9 @@ def changed_by_text(
     config: Config, name: str, text: str, where: str = "", option: str | None = None
 ) -> Config:
     """Return `config` with the setting `name` as a command line writes it; see `changed`."""
-    now = _before(RENAMED, config).get(name, name)
+    current = _before(RENAMED, config).get(name, name)
     declared = {each.name: each.declared for each in settings_of(config)}
-    value = read_text_value(text, declared[now]) if now in declared else text
+    value = read_text_value(text, declared[current]) if current in declared else text
     return changed(config, {name: value}, where, option)
 
 

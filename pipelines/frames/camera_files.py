@@ -164,12 +164,7 @@ def camera_from_mapping(path: Path, content: Any) -> CameraFile:  # noqa: ANN401
         raise FormatError(path, "this is no JSON object", FORMS)
     content = _with_camera(content)
     try:
-        height, width = content.get("resolution") or (None, None)  # MegaPose's
-        if isinstance(content.get("intrinsics"), list):
-            height, width = width, height  # Kalibr's
-        width, height = width or _first(content, WIDTH_KEYS), height or _first(content, HEIGHT_KEYS)
-        size = {} if width is None or height is None else {"width": width, "height": height}
-        facts: dict[str, Any] = {name: int(value) for name, value in size.items()}
+        facts: dict[str, Any] = _size(content)
         facts["units_per_metre"] = _units(content)
         facts["distortion"] = distortion_in(path, content)
         matrix = _first(content, MATRIX_KEYS)
@@ -218,6 +213,17 @@ def _camera_of(path: Path, scene: dict[str, Any], frame: str) -> Any:  # noqa: A
 
 def _first(content: dict[str, Any], keys: tuple[str, ...]) -> Any:  # noqa: ANN401 - JSON
     return next((content[key] for key in keys if content.get(key) is not None), None)
+
+
+def _size(content: dict[str, Any]) -> dict[str, int]:
+    """Return width and height in pixels, or nothing if one of them is missing."""
+    height, width = content.get("resolution") or (None, None)  # MegaPose's
+    if isinstance(content.get("intrinsics"), list):
+        height, width = width, height  # Kalibr's
+    width, height = width or _first(content, WIDTH_KEYS), height or _first(content, HEIGHT_KEYS)
+    if width is None or height is None:
+        return {}
+    return {"width": int(width), "height": int(height)}
 
 
 def _units(content: dict[str, Any]) -> float | None:

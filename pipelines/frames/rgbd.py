@@ -179,6 +179,25 @@ def fit_color(path: Path, color: NDArray[np.uint8], width: int, height: int) -> 
 
 def _metres(path: Path, stored: NDArray[Any], units: DepthUnits) -> tuple[Singles, float]:
     """Return depth (H, W) in metres, 0 = missing, and its unit, from the numbers in `path`."""
+    stored = _one_channel(path, stored)
+    is_float = stored.dtype.kind == "f"
+    with np.errstate(over="ignore"):  # too large for float32 is infinite, hence missing
+        values = stored.astype(np.float32)
+    valid = np.isfinite(values) & (values > 0)
+    if not is_float:
+        valid &= stored != MISSING_DEPTH
+    if not valid.any():
+        raise FormatError(path, *_nothing_measured(stored))
+    values[~valid] = 0.0
+    unit = units.floats if is_float else units.integers
+    depth = values / np.float32(unit)
+    if not units.is_certain:
+        _check_plausible(path, values, depth, units)
+    return depth, unit
+
+
+def _one_channel(path: Path, stored: NDArray[Any]) -> NDArray[Any]:
+    """Return `stored` as (H, W); refuse pictures of depth and other arrays."""
     if stored.ndim == 3 and stored.shape[2] == 1:
         stored = stored[:, :, 0]
     if stored.ndim == 3 and stored.shape[2] in (3, 4):
@@ -194,20 +213,7 @@ def _metres(path: Path, stored: NDArray[Any], units: DepthUnits) -> tuple[Single
         raise FormatError(
             path, "depth has 8 bits", "save the raw depth as a 16-bit PNG, in millimetres"
         )
-    is_float = stored.dtype.kind == "f"
-    with np.errstate(over="ignore"):  # too large for float32 is infinite, hence missing
-        values = stored.astype(np.float32)
-    valid = np.isfinite(values) & (values > 0)
-    if not is_float:
-        valid &= stored != MISSING_DEPTH
-    values[~valid] = 0.0
-    unit = units.floats if is_float else units.integers
-    depth = values / np.float32(unit)
-    if not valid.any():
-        raise FormatError(path, *_nothing_measured(stored))
-    if not units.is_certain:
-        _check_plausible(path, values, depth, units)
-    return depth, unit
+    return stored
 
 
 def stored_depth(path: Path) -> NDArray[Any]:

@@ -72,23 +72,20 @@ def symmetry_view(mesh: Mesh, symmetries: Sequence[Symmetry]) -> Array:
     turning = [s.axis for s in axes if s.order != 2]
     if turning:
         up = normals[0] if normals and abs(normals[0] @ turning[0]) < 0.7 else UP
-        return view_along(mesh, -turning[0] if turning[0][2] > 0 else turning[0], up)
+        return _down_line(mesh, turning[0], up)
     if len(normals) > 1:
-        crossings = [unit(np.cross(a, b)) for a, b in combinations(normals, 2)]
-        # A view along a normal may show another plane edge on.
-        square = [n for n in normals if any(abs(n @ other) < SQUARE_COSINE for other in normals)]
-        along = crossings + square
-        best = max(
-            along, key=lambda view: float(np.abs(mesh.face_normals @ view) @ mesh.face_areas)
-        )
-        up = max((np.cross(best, n) for n in normals), key=lambda v: float(v @ v))
-        return view_along(mesh, -best if best[2] > 0 else best, up)
+        return _along_planes(mesh, normals)
     if normals:
         return _along_plane(mesh, normals[0])
     if axes:
-        return view_along(mesh, -axes[0].axis if axes[0].axis[2] > 0 else axes[0].axis, UP)
+        return _down_line(mesh, axes[0].axis, UP)
     oblique = oblique_view(mesh, symmetries)
     return view_along(mesh, -oblique[:3, 2], UP)
+
+
+def _down_line(mesh: Mesh, line: Array, up: Array) -> Array:
+    """Return the view along `line` (3,), in the direction that leads down."""
+    return view_along(mesh, -line if line[2] > 0 else line, up)
 
 
 def _distinct(normals: Sequence[Array]) -> list[Array]:
@@ -98,6 +95,17 @@ def _distinct(normals: Sequence[Array]) -> list[Array]:
         if all(abs(normal @ other) < SAME_NORMAL_COSINE for other in kept):
             kept.append(normal)
     return kept
+
+
+def _along_planes(mesh: Mesh, normals: Sequence[Array]) -> Array:
+    """Return the view that shows most of the object, along two planes or square to one of two."""
+    crossings = [unit(np.cross(a, b)) for a, b in combinations(normals, 2)]
+    # A view along a normal may show another plane edge on.
+    square = [n for n in normals if any(abs(n @ other) < SQUARE_COSINE for other in normals)]
+    lines = crossings + square
+    best = max(lines, key=lambda line: float(np.abs(mesh.face_normals @ line) @ mesh.face_areas))
+    up = max((np.cross(best, n) for n in normals), key=lambda v: float(v @ v))
+    return _down_line(mesh, best, up)
 
 
 def _along_plane(mesh: Mesh, normal: Array) -> Array:

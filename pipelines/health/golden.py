@@ -48,9 +48,7 @@ def file_check(name: str, expected: str, folder: Path = models.WEIGHTS) -> Check
     return Check(title, Status.OK, f"{found} as shipped")
 
 
-def golden_check(
-    manifest: Manifest, config: DoctorConfig, device: str = "cpu", folder: Path = FRAMES
-) -> Check:
+def golden_check(manifest: Manifest, config: DoctorConfig, device: str = "cpu") -> Check:
     """Find grasps in the golden frame and compare them with those expected.
 
     A GPU samples other points of a region than a CPU (D. 62), so differences on a GPU are worth
@@ -58,7 +56,7 @@ def golden_check(
     """
     name = title(device)
     started = time.monotonic()
-    result = golden_result(manifest.frame, device, folder)
+    result = golden_result(manifest.frame, device)
     seconds = time.monotonic() - started
     agreeing = int(np.count_nonzero(agree(best_grasps(result), manifest.grasps, config)))
     total = len(manifest.grasps)
@@ -78,15 +76,15 @@ def title(device: str) -> str:
     return "golden frame" if device == "cpu" else f"golden frame {device}"
 
 
-def golden_result(frame_name: str, device: str = "cpu", folder: Path = FRAMES) -> FrameResult:
+def golden_result(frame_name: str, device: str = "cpu") -> FrameResult:
     """Return the result of `infer` on a shipped frame with the default weights and settings.
 
     Raises:
         SymgraspError: the frame or the weights are missing or damaged.
     """
-    found = [source for source in find_frames(folder) if source.name == frame_name]
+    found = [source for source in find_frames(FRAMES) if source.name == frame_name]
     if not found:
-        raise MissingInputError(folder / frame_name, "pip install --force-reinstall symgrasp")
+        raise MissingInputError(FRAMES / frame_name, "pip install --force-reinstall symgrasp")
     config = InferConfig()
     with models.one_thread_each():
         planner = Planner(

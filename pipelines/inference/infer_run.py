@@ -13,7 +13,9 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
+from pipelines.array_types import Mask
 from pipelines.dataset.chosen_frames import ALL_FRAMES, ChosenFrames
 from pipelines.errors import (
     FormatError,
@@ -27,13 +29,13 @@ from pipelines.frames.frames import find_frames
 from pipelines.frames.frames_record import FramesRecord
 from pipelines.frames.masks import read_masks
 from pipelines.frames.registration import oddities
-from pipelines.frames.rgbd import FrameSource
+from pipelines.frames.rgbd import Frame, FrameSource
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.frames.workspace_files import read_workspace_mask
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_stream import merge_shards, read_index
 from pipelines.grasp_files.grasps_tables import FrameResult
-from pipelines.inference.run_settings import RunSettings
+from pipelines.inference.run_settings import InferPaths, RunSettings
 from pipelines.pictures.overlays import write_overlay
 from pipelines.runtime.batch import WorkItem
 from pipelines.storage.files import within
@@ -138,17 +140,9 @@ def infer_frame(item: WorkItem, settings: RunSettings) -> str | None:
         # Before the frame is read, so that the result is stale if a file changes meanwhile.
         signatures = inputs_of(item).signatures()
         frame = source.read()
-        folder = settings.paths.masks
-        masks = None if folder is None else read_masks(folder, source.name)
-        if masks is not None and masks.shape != frame.depth.shape:
-            size = f"size of the masks of {source.name}"
-            raise ValueRangeError(size, masks.shape, f"{frame.depth.shape}")
-        path = settings.paths.workspace
-        workspace = None if path is None else read_workspace_mask(path, frame.depth.shape)
-        # Users draw both on the images as taken.
-        masks, workspace = (x if x is None else frame.undistorted(x) for x in (masks, workspace))
         rng = np.random.default_rng(settings.seed)
-        result = settings.planner().plan(frame, rng, masks, workspace)
+        drawn = _drawn_by_user(settings.paths, source.name, frame)
+        result = settings.planner().plan(frame, rng, *drawn)
         seconds = result.seconds if settings.timings else np.nan
         result = replace(result, name=source.name, seconds=seconds)
         if settings.paths.overlays is not None:
@@ -159,6 +153,21 @@ def infer_frame(item: WorkItem, settings: RunSettings) -> str | None:
             stamp = replace(item.stamp, recorded={"files": signatures})
             grasps_file.write(item.target, [result], stamp)
         return "; ".join(filter(None, (*oddities(frame), result.message))) or None
+
+
+def _drawn_by_user(
+    paths: InferPaths, name: str, frame: Frame
+) -> tuple[NDArray[np.int32] | None, Mask | None]:
+    """Return instance masks and workspace (H, W), which users draw on the images as taken."""
+    masks = None if paths.masks is None else read_masks(paths.masks, name)
+    shape = frame.depth.shape
+    if masks is not None and masks.shape != shape:
+        raise ValueRangeError(f"size of the masks of {name}", masks.shape, f"{shape}")
+    workspace = None if paths.workspace is None else read_workspace_mask(paths.workspace, shape)
+    return (
+        None if masks is None else frame.undistorted(masks),
+        None if workspace is None else frame.undistorted(workspace),
+    )
 
 
 @contextmanager

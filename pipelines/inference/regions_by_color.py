@@ -48,19 +48,23 @@ def with_color(
         piece = pieces.labels == number
         members = np.flatnonzero(inside[:, number] > config.region.color.min_confined * sizes)
         rest = piece & ~covered
-        if not len(members):
-            large = np.count_nonzero(rest) >= config.min_region_pixels
-            mostly = np.count_nonzero(rest) > config.min_uncovered * np.count_nonzero(piece)
-            # A piece that clearly stands out is found by depth, or is a wall or an arm.
-            if pieces.whole[number] and large and mostly and completion.is_low(rest):
-                new.append(Region(rest, config.geometric_confidence, "color"))
-            continue
         own = [result[member] for member in members]
-        if len(members) > 1 and not completion.are_one_object(own, piece):
-            continue
-        result[members[0]] = completion.completed(own, rest)
-        gone.update(members[1:].tolist())
+        if not own:
+            is_new = pieces.whole[number] and _is_mostly_new(piece, rest, config)
+            # A piece that clearly stands out is found by depth, or is a wall or an arm.
+            if is_new and completion.is_low(rest):
+                new.append(Region(rest, config.geometric_confidence, "color"))
+        elif len(own) == 1 or completion.are_one_object(own, piece):
+            result[members[0]] = completion.completed(own, rest)
+            gone.update(members[1:].tolist())
     return [region for place, region in enumerate(result) if place not in gone] + new
+
+
+def _is_mostly_new(piece: Mask, rest: Mask, config: InferConfig) -> bool:
+    """Return whether `rest`, the uncovered part of `piece`, is large by itself and as a share."""
+    size = np.count_nonzero(rest)
+    is_most = size > config.min_uncovered * np.count_nonzero(piece)
+    return bool(is_most and size >= config.min_region_pixels)
 
 
 @dataclass(frozen=True)

@@ -66,11 +66,12 @@ def total_loss(
     )
     errors = slot_errors(prediction, matched, points)
     is_right = errors < RIGHT if config.existence == "right" else None
-    of_points = (
-        existence_loss(prediction.existence, matched, is_right),
-        (errors * matched.existence[:, None]).sum(-1),
-    )
-    existence, parameters = ((weight * e).sum(-1) @ labelled / len(labelled) for e in of_points)
+
+    def mean(of_points: Tensor) -> Tensor:  # (B, Q)
+        return (weight * of_points).sum(-1) @ labelled / len(labelled)
+
+    existence = mean(existence_loss(prediction.existence, matched, is_right))  # Eq. 7, first term
+    parameters = mean((errors * matched.existence[:, None]).sum(-1))  # Eq. 7, second term
     symmetry = config.weight_existence * existence + config.weight_parameters * parameters
     total = (
         config.weight_feature * feature

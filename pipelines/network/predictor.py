@@ -67,21 +67,21 @@ class GraspPredictor:
         return cls(network, config, found, mirrored)
 
     def predict(
-        self, clouds: Sequence[Floats], table: Plane | None = None, seed: int = 0
+        self, clouds: Sequence[Floats], table: Plane | None = None
     ) -> list[RegionPrediction]:
         """Return predictions for regions of (n, 3) points each, metres, camera frame.
 
         `table`: the support plane, camera frame, normal up; None if unknown.
 
-        A region's prediction depends on `seed` and the region alone, on a CPU to the last bit, and
-        not on other regions of the list or on the number of threads (D. 61).
+        A region's prediction depends on the region alone, on a CPU to the last bit, and not on
+        other regions of the list or on the number of threads (D. 61).
 
         Raises:
             ValueRangeError: a region has no points, or points that are not finite.
         """
         if not clouds:
             return []
-        index = np.stack([self._draw(cloud, seed) for cloud in clouds])
+        index = np.stack([self._draw(cloud) for cloud in clouds])
         pairs = zip(clouds, index, strict=True)
         drawn = np.stack([np.asarray(cloud, np.float64)[chosen] for cloud, chosen in pairs])
         centroid = drawn.mean(1, keepdims=True)
@@ -134,7 +134,7 @@ class GraspPredictor:
         )
         return tuple(column.cpu().numpy() for column in columns)
 
-    def _draw(self, cloud: Floats, seed: int) -> NDArray[np.int64]:
+    def _draw(self, cloud: Floats) -> NDArray[np.int64]:
         """Return the indices (N,) of the points of `cloud` that the network sees, in random order.
 
         `SetAbstraction` and the votes assume that order.
@@ -146,7 +146,7 @@ class GraspPredictor:
             )
         if not np.isfinite(points).all():
             raise ValueRangeError("a region's points", "not finite", "finite, metres")
-        rng, count = np.random.default_rng(seed), self.config.num_points
+        rng, count = np.random.default_rng(0), self.config.num_points
         chosen = rng.permutation(len(points))[:count]
         if len(points) < count:
             chosen = np.concatenate([chosen, rng.integers(len(points), size=count - len(points))])

@@ -11,16 +11,13 @@ Item = TypeVar("Item")
 LINE_SECONDS = 30.0  # between two lines
 
 
-def with_progress(
-    items: Iterable[Item], stage: str, total: int, *, every: float | None = None
-) -> Iterator[Item]:
+def with_progress(items: Iterable[Item], stage: str, total: int) -> Iterator[Item]:
     """Yield `items`; show on stderr the number of `total` items done, and the time left.
 
     Args:
         items: results, each available when it is done.
         stage: name of the bar or of the lines.
         total: number of items.
-        every: seconds between lines where stderr is no terminal; half a minute by default.
     """
     if sys.stderr.isatty():
         from rich.console import Console  # noqa: PLC0415 - slow to import
@@ -28,8 +25,7 @@ def with_progress(
 
         yield from track(items, stage, total=total, console=Console(stderr=True))
         return
-    pause = LINE_SECONDS if every is None else every
-    with _lines(stage, total, pause, sys.stderr) as count:
+    with _lines(stage, total, sys.stderr) as count:
         for item in items:
             count.done += 1
             yield item
@@ -58,12 +54,12 @@ class _Count:
 
 
 @contextmanager
-def _lines(stage: str, total: int, every: float, stream: TextIO) -> Iterator[_Count]:
-    """Write a line to `stream` every `every` seconds from a thread, as items may take longer."""
+def _lines(stage: str, total: int, stream: TextIO) -> Iterator[_Count]:
+    """Write lines of progress to `stream` from a thread, as an item may take longer."""
     count, ended, started = _Count(), threading.Event(), time.monotonic()
 
     def write() -> None:
-        while not ended.wait(every):
+        while not ended.wait(LINE_SECONDS):
             stream.write(progress_line(stage, count.done, total, time.monotonic() - started) + "\n")
             stream.flush()
 

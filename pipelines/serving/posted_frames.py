@@ -79,8 +79,6 @@ def _image(key: str, content: object, max_pixels: int) -> NDArray[Any]:
     except Image.DecompressionBombError:
         raise ValueRangeError(key, "of too many pixels", f"at most {max_pixels}") from None
     except (OSError, SyntaxError, ValueError) as error:
-        if isinstance(error, ValueRangeError):
-            raise
         raise ValueRangeError(key, f"no such picture ({error})", expected) from None
     return array.astype(np.int32) if key == "masks" else array
 

@@ -146,7 +146,7 @@ class Trial:
         mass = float(self.model.body_mass[self.body])
         for direction in TUGS:
             force = self._gripper_rotation @ (mass * self.config.tug * direction)
-            for share in _pulse(TUG_SECONDS):
+            for share in _pulse():
                 self.data.xfrc_applied[self.body, :3] = share * force
                 self._step(place, self.stroke)
             self.data.xfrc_applied[self.body] = 0.0
@@ -212,8 +212,8 @@ def _smooth(seconds: float) -> Iterator[float]:
         yield float(u**3 * (10.0 - 15.0 * u + 6.0 * u**2))
 
 
-def _pulse(seconds: float) -> Iterator[float]:
+def _pulse() -> Iterator[float]:
     """Yield the strength of a pull, step by step, from 0 to 1 and back."""
-    steps = round(seconds / TIME_STEP)
+    steps = round(TUG_SECONDS / TIME_STEP)
     for u in np.arange(1, steps + 1) / steps:
         yield float(np.sin(np.pi * u) ** 2)

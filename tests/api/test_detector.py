@@ -2,10 +2,12 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields, replace
+from inspect import signature
 from threading import Barrier
 
 import numpy as np
 import pytest
+from typer.main import get_command
 from typer.testing import CliRunner
 
 from pipelines.configs import FeasibilityConfig, InferConfig, LimitsConfig, SelectionConfig
@@ -64,6 +66,13 @@ def test_the_grasps_of_a_bundled_frame_are_those_of_the_command_bit_for_bit(dete
     found = detector(*bundled_frame("table_1"))
     assert len(found) > 10
     assert_same(found, written)
+
+
+@pytest.mark.parametrize("command", ["infer", "serve"])
+@pytest.mark.parametrize("name", ["seed", "device"])
+def test_the_default_of_an_argument_is_that_of_the_option(name, command):
+    (option,) = [p for p in get_command(app).commands[command].params if p.name == name]
+    assert signature(GraspDetector).parameters[name].default == option.default
 
 
 def test_two_threads_find_the_grasps_that_one_finds(detector):

@@ -29,6 +29,7 @@ def test_a_line_states_the_finished_items_and_the_time_left():
 def test_lines_come_while_one_item_takes_long(monkeypatch):
     stream = io.StringIO()
     monkeypatch.setattr(sys, "stderr", stream)
+    monkeypatch.setattr(progress, "LINE_SECONDS", 0.001)
 
     def slow():
         yield "a"
@@ -36,7 +37,7 @@ def test_lines_come_while_one_item_takes_long(monkeypatch):
             time.sleep(0.001)
         yield "b"
 
-    assert list(with_progress(slow(), "toy", 2, every=0.001)) == ["a", "b"]
+    assert list(with_progress(slow(), "toy", 2)) == ["a", "b"]
     assert stream.getvalue().splitlines()[0].startswith("toy: ")
     assert all(text.startswith("toy: ") for text in stream.getvalue().splitlines())
 

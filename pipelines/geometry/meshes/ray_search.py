@@ -135,7 +135,10 @@ def _entry(box: Array, origin: Array, inverse: Array, reach: float) -> float:
 
 @compiled
 def _distance(corners: Array, origin: Array, along: Array) -> float:
-    """Return the distance at which a ray crosses a triangle (3, 3); inf for a miss."""
+    """Return the distance at which a ray crosses a triangle (3, 3); inf for a miss.
+
+    By Möller and Trumbore; u and v are the barycentric coordinates of the crossing.
+    """
     ax, ay, az = corners[0, 0], corners[0, 1], corners[0, 2]
     bx, by, bz = corners[1, 0] - ax, corners[1, 1] - ay, corners[1, 2] - az
     cx, cy, cz = corners[2, 0] - ax, corners[2, 1] - ay, corners[2, 2] - az

@@ -7,6 +7,7 @@ help: the comparisons are vectorised, which a search along the axis would preven
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipelines.array_types import Array, Indices, Singles
 from pipelines.geometry.numerics.compiled import compiled
@@ -56,18 +57,24 @@ def _nearest(points: Array, about: Singles, middle: Array, queries: Array) -> tu
         least = bits[0]
         for n in range(len(bits)):
             least = min(least, bits[n])
-        found = 0
-        while found + ABREAST <= len(bits):
-            here = np.int32(0)
-            for n in range(ABREAST):
-                here |= np.int32(bits[found + n] == least)
-            if here:
-                break
-            found += ABREAST
-        while bits[found] != least:
-            found += 1
-        nearest[q], total = found, 0.0
+        nearest[q], total = _first(bits, least), 0.0
         for axis in range(3):
-            total += (queries[q, axis] - points[found, axis]) ** 2
+            total += (queries[q, axis] - points[nearest[q], axis]) ** 2
         away[q] = np.sqrt(total)
     return away, nearest
+
+
+@compiled
+def _first(bits: NDArray[np.int32], wanted: np.int32) -> int:
+    """Return the first index at which `bits` (n,) equal `wanted`, which is among them."""
+    found = 0
+    while found + ABREAST <= len(bits):
+        here = np.int32(0)
+        for n in range(ABREAST):
+            here |= np.int32(bits[found + n] == wanted)
+        if here:
+            break
+        found += ABREAST
+    while bits[found] != wanted:
+        found += 1
+    return found

@@ -25,17 +25,17 @@ TOUCHING = 1e-3  # spacings; a node nearer than this counts as on the surface
 BAND = 2.5  # spacings; contacts and normals are read from nodes within 2.3
 
 
-def single_precision_grid(mesh: Mesh, nodes: int = NODES) -> SignedDistanceGrid:
+def single_precision_grid(mesh: Mesh) -> SignedDistanceGrid:
     """Return `signed_distance_grid` with the values within `BAND` in single precision.
 
     Contacts depend on these values only; all other values only mean that the surface is far.
     """
-    grid = signed_distance_grid(mesh, nodes)
+    grid = signed_distance_grid(mesh)
     shape = grid.values.shape
     best = np.full(grid.values.size, np.inf, np.float32)
     sign = np.sign(grid.values).ravel()
     corners = mesh.triangles.astype(np.float32)
-    for triangle, node in node_pairs((mesh.triangles - grid.origin) / grid.spacing, nodes, BAND):
+    for triangle, node in node_pairs((mesh.triangles - grid.origin) / grid.spacing, NODES, BAND):
         places = (grid.origin + grid.spacing * node).astype(np.float32)
         flat = np.ravel_multi_index((node[:, 0], node[:, 1], node[:, 2]), shape)
         gap = distances(places, corners[triangle])

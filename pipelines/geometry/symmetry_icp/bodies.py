@@ -112,15 +112,15 @@ def _scored_axis(axis: RotationSymmetry, surface: SeenSurface, space: FreeSpace)
     return BodyFit(axis, error, occlusion, coverage, accepted)
 
 
-def sphere_fit(surface: SeenSurface, space: FreeSpace, seed: int = 0) -> BodyFit:
-    """Return the sphere of `surface`, one of `smooth_part`; `seed`: for the axes of its turns."""
+def sphere_fit(surface: SeenSurface, space: FreeSpace) -> BodyFit:
+    """Return the sphere of `surface`, one of `smooth_part`."""
     points, normals = surface.points, surface.normals
     across = np.eye(3) - normals[:, :, None] * normals[:, None]
     meeting = np.linalg.pinv(across.sum(axis=0)) @ np.einsum("nij,nj->i", across, points)
     step = _least(lambda s: np.minimum(_sphere_errors(surface, meeting + s), MAX_ERROR), 3)
     centre = meeting + step
     error = _mean_error(_sphere_errors(surface, centre))
-    axes = unit(np.random.default_rng(seed).normal(size=(SPHERE_AXES, 3)))
+    axes = unit(np.random.default_rng(0).normal(size=(SPHERE_AXES, 3)))
     turned = [RotationSymmetry(axis, centre).turn(points, TURNS) for axis in axes]
     occlusion = float(space.occupancy_error(np.concatenate(turned)).max(axis=0).mean())
     covered = spread_directions(DIRECTIONS) @ unit(points - centre).T > COVER_COSINE

@@ -126,7 +126,8 @@ def _cells_about(
     """
     top, bottom, left, right = window
     pixels, side = max(0, bottom - top) * max(0, right - left), int(2 * radius / cell) + 2
-    # Cells at one x and y form a list, nearest first; most lists are short.
+    # Cells at one x and y form a linked list, nearest first: `nearest` is its first cell, `behind`
+    # the next. `level`: twice the step of z, plus 1 for the region's own cells.
     nearest, behind = np.full(side * side, -1, np.int32), np.empty(pixels, np.int32)
     level, count = np.empty(pixels, np.int32), np.empty(pixels, np.int32)
     points, found, per_metre = np.empty((pixels, 3)), 0, 1.0 / cell

@@ -111,8 +111,8 @@ def random_colors(color: NDArray[np.uint8], rng: np.random.Generator) -> NDArray
     if rng.random() < HUE_CHANGES:
         values = values[..., rng.permutation(3)]
     if rng.random() < HUE_CHANGES:
-        gray = values.mean(axis=-1, keepdims=True)
-        values = gray + rng.uniform(0.0, 1.5) * (values - gray)
+        grey = values.mean(axis=-1, keepdims=True)
+        values = grey + rng.uniform(0.0, 1.5) * (values - grey)
     light = rng.uniform(0.6, 1.4, 3).astype(np.float32)
     values = np.asarray(np.clip(values * light, 0.0, 1.0) ** rng.uniform(0.6, 1.7), np.float32)
     if rng.random() < BLURS:

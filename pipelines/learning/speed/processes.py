@@ -7,7 +7,7 @@ every batch, on its own GPU if there is one; only the first process writes files
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import timedelta
 
 import torch
@@ -15,10 +15,10 @@ from torch import Tensor, distributed
 
 from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.network.devices import find_device
+from pipelines.runtime.batch import BatchOptions
 
-LONGEST_WAIT = timedelta(
-    days=7
-)  # the others wait while the first process validates or prepares frames
+# The others wait while the first process validates or prepares frames.
+LONGEST_WAIT = timedelta(days=7)
 
 
 @dataclass(frozen=True)
@@ -58,11 +58,11 @@ class Processes:
         self.most(0)
 
     @contextmanager
-    def one_first(self) -> Iterator[None]:
-        """Let the first process run alone, then all others."""
+    def one_first(self, options: BatchOptions) -> Iterator[BatchOptions]:
+        """Let the first process prepare data, then the others; only the first may overwrite any."""
         if not self.is_first:
             self.wait()
-        yield
+        yield replace(options, overwrite=options.overwrite and self.is_first)
         if self.is_first:
             self.wait()
 

@@ -78,10 +78,10 @@ def revolution_axes(points: Array, normals: Array) -> list[Axis]:
     return kept
 
 
-def refined(axis: Axis, points: Array, normals: Array, steps: int = 3) -> tuple[Axis, Mask]:
+def refined(axis: Axis, points: Array, normals: Array) -> tuple[Axis, Mask]:
     """Return `axis` fitted to the samples that support it, and the mask (n,) of these samples."""
     held = support(profile(axis, points, normals))
-    for _ in range(steps):
+    for _ in range(3):
         if held.sum() < MIN_COUNT:
             break
         directions, feet = _fitted(points, normals, held[None].astype(np.float64))

@@ -4,7 +4,7 @@ Candidates are searched coarsely, refined, and accepted by the distance of the m
 surface. A sphere implies all its planes and axes, a continuous axis all planes through it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -140,8 +140,8 @@ def _analyse(shape: UnitSurface, config: AnnotateSymmetryConfig) -> MeshSymmetri
     planes, plane_fits = search_planes(shape, grid, config)
     partial: list[Symmetry] = [
         _rotation(shape, axis, None, fit)
-        for axis, (fit, continuous) in zip(axes, axis_fits, strict=True)
-        if not continuous
+        for axis, (fit, is_continuous) in zip(axes, axis_fits, strict=True)
+        if not is_continuous
     ]
     partial += [
         _reflection(shape, plane, fit)
@@ -149,16 +149,15 @@ def _analyse(shape: UnitSurface, config: AnnotateSymmetryConfig) -> MeshSymmetri
         if not fit.holds(config)
     ]
     held = [each for each in zip(planes, plane_fits, strict=True) if each[1].holds(config)]
-    rounds = [(axis, fit) for axis, (fit, yes) in zip(axes, axis_fits, strict=True) if yes]
-    if not rounds:
-        rounds = _round_by_planes(shape, [plane for plane, _ in held], config)
+    continuous = [
+        (axis, fit)
+        for axis, (fit, is_continuous) in zip(axes, axis_fits, strict=True)
+        if is_continuous
+    ] or _round_by_planes(shape, [plane for plane, _ in held], config)
     rotation: RotationSymmetry | None
-    if rounds:
-        axis, fit = rounds[0]
-        finer = refined_axes(shape, axis[None], REFINEMENT_ANGLES, FINAL_SCALES, FINE_SAMPLES)[0]
-        better, continuous = continuous_fit(shape, finer, config)
-        if continuous and better.loss <= LOSS_ROOM * fit.loss:
-            axis, fit = finer, better
+    if continuous:
+        axis, fit = continuous[0]
+        axis, fit = _finest_axis(shape, axis, fit, config)
         accepted = plane_across(shape, axis, held, config)
         rotation = _rotation(shape, axis, None, fit)
     else:
@@ -168,6 +167,16 @@ def _analyse(shape: UnitSurface, config: AnnotateSymmetryConfig) -> MeshSymmetri
         _reflection(shape, plane, fit) for plane, fit in best_planes(shape, accepted, config)
     ]
     return MeshSymmetries(symmetries + ([rotation] if rotation is not None else []), partial)
+
+
+def _finest_axis(
+    shape: UnitSurface, axis: Array, fit: SurfaceFit, config: AnnotateSymmetryConfig
+) -> tuple[Array, SurfaceFit]:
+    """Return the continuous `axis` (6,) refined at the last scales, with its fit, if it fits."""
+    finer = refined_axes(shape, axis[None], REFINEMENT_ANGLES, FINAL_SCALES, FINE_SAMPLES)[0]
+    better, is_continuous = continuous_fit(shape, finer, config)
+    fits = is_continuous and better.loss <= LOSS_ROOM * fit.loss
+    return (finer, better) if fits else (axis, fit)
 
 
 def _round_by_planes(
@@ -216,22 +225,9 @@ def _discrete_rotation(
     shape: UnitSurface, grid: DistanceGrid, planes: Sequence[Array], config: AnnotateSymmetryConfig
 ) -> RotationSymmetry | None:
     """Return the n-fold rotation of highest order: from pairs of planes, else by search."""
-    guesses: list[tuple[int, Array]] = []
-    for first, second in combinations(planes, 2):
-        between = np.arccos(np.clip(abs(first[:3] @ second[:3]), 0.0, 1.0))
-        order = int(np.clip(np.round(np.pi / max(float(between), 1e-3)), 2, config.max_order))
-        if abs(between - np.pi / order) < PAIR_TOLERANCE:
-            guesses.append((order, _common_line(first, second)))
-    # Among a box's three half turns, prefer the turn about its longest side.
-    spread = [float(np.ptp(shape.samples.points @ axis[:3]).round(2)) for _, axis in guesses]
-    ranked = sorted(range(len(guesses)), key=lambda i: (-guesses[i][0], -spread[i]))
-    guesses = [guesses[i] for i in ranked]
-    if not guesses:  # an object with a turn but no mirror, such as a propeller
-        points = shape.points(COARSE_SAMPLES)
-        for order in range(config.max_order, 1, -1):
-            best = axis_candidates(grid, points, config, (2.0 * np.pi / order,))[0]
-            guesses.append((order, np.concatenate([best, np.zeros(3)])))
-    for order, axis in guesses:
+    turns = _turns_of_planes(shape, planes, config)
+    # An object such as a propeller has a turn but no mirror.
+    for order, axis in turns or _turns_by_search(shape, grid, config):
         angle = 2.0 * np.pi / order
         coarse = refined_axes(shape, axis[None], (angle,), COARSE_SCALES, COARSE_SAMPLES)
         if fit_of_turn(shape, coarse[0], angle, shape.few).is_hopeless(config):
@@ -241,6 +237,37 @@ def _discrete_rotation(
         if fit.holds(config):
             return _rotation(shape, refined, order, fit)
     return None
+
+
+def _turns_of_planes(
+    shape: UnitSurface, planes: Sequence[Array], config: AnnotateSymmetryConfig
+) -> list[tuple[int, Array]]:
+    """Return order and axis (6,) of the turns that pairs of `planes` make, the best guess first.
+
+    Mirroring in two planes at an angle of pi / n is a turn by 2 pi / n about their common line.
+    """
+    turns = []
+    for first, second in combinations(planes, 2):
+        between = np.arccos(np.clip(abs(first[:3] @ second[:3]), 0.0, 1.0))
+        order = int(np.clip(np.round(np.pi / max(float(between), 1e-3)), 2, config.max_order))
+        if abs(between - np.pi / order) < PAIR_TOLERANCE:
+            turns.append((order, _common_line(first, second)))
+
+    def rank(turn: tuple[int, Array]) -> tuple[int, float]:
+        # Among a box's three half turns, prefer the turn about its longest side.
+        return turn[0], float(np.ptp(shape.samples.points @ turn[1][:3]).round(2))
+
+    return sorted(turns, key=rank, reverse=True)
+
+
+def _turns_by_search(
+    shape: UnitSurface, grid: DistanceGrid, config: AnnotateSymmetryConfig
+) -> Iterator[tuple[int, Array]]:
+    """Yield each order, the highest first, and its best axis (6,) through the centroid."""
+    points = shape.points(COARSE_SAMPLES)
+    for order in range(config.max_order, 1, -1):
+        best = axis_candidates(grid, points, config, (2.0 * np.pi / order,))[0]
+        yield order, np.concatenate([best, np.zeros(3)])
 
 
 def _common_line(first: Array, second: Array) -> Array:

@@ -16,6 +16,7 @@ from pipelines.mesh_symmetry.detection.surface import Surface
 _DAMPING = 1e-6
 _MAX_TILT = 0.15  # radians a step
 _MAX_SHIFT = 0.05  # of the diameter a step
+_SPHERE_STEPS = 5
 
 
 def refine_planes(
@@ -74,10 +75,10 @@ def refine_axes(
     return axes, centers
 
 
-def robust_sphere(points: Array, iterations: int = 5) -> tuple[Array, float]:
+def robust_sphere(points: Array) -> tuple[Array, float]:
     """Return centre (3,) and radius of the sphere that fits most of `points` (n, 3)."""
     weight = np.ones(len(points))
-    for _ in range(iterations):
+    for _ in range(_SPHERE_STEPS):
         # |x|^2 = 2 c.x + (r^2 - |c|^2) is linear in the centre c and in r^2 - |c|^2.
         system = np.column_stack([2.0 * points, np.ones(len(points))]) * weight[:, None]
         solution = np.linalg.lstsq(system, (points**2).sum(axis=1) * weight, rcond=None)[0]

@@ -83,13 +83,13 @@ def box(size: ArrayLike, bevel: float = 0.0) -> Solid:
 def rounded_box(size: ArrayLike, radius: float) -> Solid:
     """Return a box of `size` (3,) about the origin with edges rounded by `radius` metres."""
     half = np.asarray(size, np.float64) / 2.0 - radius
-    ball = _ball_directions(8) * radius
+    ball = _ball_directions() * radius
     return hull((CORNERS[:, None] * half + ball[None]).reshape(-1, 3))
 
 
-def _ball_directions(steps: int) -> Array:
+def _ball_directions() -> Array:
     """Return unit vectors, symmetric in every coordinate plane."""
-    grid = np.linspace(-1.0, 1.0, steps)
+    grid = np.linspace(-1.0, 1.0, 8)
     x, y, z = np.meshgrid(grid, grid, grid)
     shell = np.stack([x, y, z], -1).reshape(-1, 3)
     return unit(shell[np.abs(shell).max(axis=1) > 1.0 - 1e-9])

@@ -1,6 +1,7 @@
 """Errors that a user can fix: each says what, where, and what would be right."""
 
 import difflib
+import os
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -14,6 +15,14 @@ UNPRINTABLE = re.compile("[\ud800-\udfff\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u2
 def printable(text: str) -> str:
     """Return `text` with unprintable characters encoded as in a URL, such as %1B for escape."""
     return UNPRINTABLE.sub(_in_percent, text)
+
+
+def error_sentence(error: Exception) -> str:
+    """Return the sentence of a `SymgraspError`, or of the system's error about a file."""
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        name = os.fsdecode(error.filename) if not isinstance(error.filename, int) else "a file"
+        return printable(f"{name} cannot be read or written ({error.strerror})")
+    return printable(str(error))
 
 
 def _in_percent(found: re.Match[str]) -> str:

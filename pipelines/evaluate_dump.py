@@ -107,20 +107,21 @@ def _tally(items: Sequence[WorkItem], report: StageReport) -> DumpTally:
         tally.add(item.name, scene.camera, scene.scene_id, verdicts)
         faults = verdicts["message"][verdicts["message"] != ""].tolist()
         if faults:
-            absent = int((verdicts["status"] != DUMP_STATUSES.index("ok")).sum())
-            report.failed[item.name] = _sentence(faults, absent, len(verdicts["status"]))
+            report.failed[item.name] = _sentence(faults, verdicts["status"].tolist())
     return tally
 
 
-def _sentence(faults: Sequence[str], absent: int, frames: int) -> str:
-    strided = absent >= frames / 2
+def _sentence(faults: Sequence[str], statuses: Sequence[int]) -> str:
+    """Return the sentence of a scene with `faults`; `statuses` of all its frames."""
+    frames = len(statuses)
+    missing, unreadable = (statuses.count(DUMP_STATUSES.index(s)) for s in DUMP_STATUSES[1:])
+    strided = missing >= frames / 2
     hint = " (after `infer --frame-stride N`, evaluate with the same option)" if strided else ""
+    partial = len(faults) - missing - unreadable
     counts = [
-        (
-            absent,
-            f"{absent} of {frames} frames are absent and count as frames without grasps{hint}",
-        ),
-        (len(faults) - absent, f"{len(faults) - absent} of {frames} have rows that are no grasps"),
+        (missing, f"{missing} of {frames} frames are missing and count as without grasps{hint}"),
+        (unreadable, f"{unreadable} of {frames} frames are unreadable and count as without grasps"),
+        (partial, f"{partial} of {frames} frames have rows that are no grasps"),
     ]
     more = f"; and {len(faults) - NAMED} more" if len(faults) > NAMED else ""
     found = ", ".join(sentence for count, sentence in counts if count)

@@ -35,7 +35,7 @@ from pipelines.dataset.meshes import (
     write_mesh,
 )
 from pipelines.dataset.numbered_meshes import NumberedMesh, numbered_meshes, write_object_list
-from pipelines.errors import SymgraspError, ValueRangeError, WriteError
+from pipelines.errors import SymgraspError, ValueRangeError, WriteError, error_sentence
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.geometry.meshes.signed_distance import signed_distance_grid
 from pipelines.geometry.meshes.winding import turned_outward
@@ -203,7 +203,7 @@ def _label(
     except WriteError:
         raise
     except (SymgraspError, OSError) as error:
-        report.failed[source.title] = str(error)
+        report.failed[source.title] = error_sentence(error)
         return
     report.done.append(source.title)
     notes = (summary, too_small, report.notes.pop(source.title, ""))

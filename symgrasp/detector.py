@@ -1,6 +1,7 @@
 """Grasp detection in frames held in memory, with models that are loaded once."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from pipelines.configs.toml_files import read_toml
 from pipelines.errors import ValueRangeError
 from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasp_files.gripper_files import load_gripper
+from pipelines.grasping.feasibility.limits import check_limits
 from pipelines.grasping.gripper import Gripper
 from pipelines.inference.run_settings import InferPaths, RunSettings, check_config
 from symgrasp.frame_input import IntrinsicsLike, frame_of, instance_masks, workspace_of
@@ -66,13 +68,8 @@ class GraspDetector:
                 invalid, or weights are missing.
         """
         config = _infer_config(settings, preset)
-        if isinstance(gripper, Gripper):
-            self.gripper, name = gripper, InferConfig.gripper
-        else:
-            name = str(gripper or config.gripper)
-            self.gripper = load_gripper(name)
+        self.gripper, name = _gripper(gripper, config.gripper)
         self.settings = replace(config, gripper=name)
-        check_config(self.settings)
         weights = {
             "detector": detector,
             "network": network,
@@ -84,7 +81,9 @@ class GraspDetector:
             **{name: None if path is None else Path(path) for name, path in weights.items()}
         )
         self._run_settings = RunSettings(paths, self.settings, seed, device, timings=False)
-        self._planner = replace(self._run_settings.planner(), gripper=self.gripper)
+        with _argument_names():
+            check_config(self.settings)
+            self._planner = replace(self._run_settings.planner(), gripper=self.gripper)
 
     def __call__(
         self,
@@ -102,8 +101,8 @@ class GraspDetector:
             color: (H, W, 3) uint8 RGB, registered to the depth.
             depth: (H, W) floats, metres along the optical axis, or whole numbers, millimetres;
                 0, negative, nan and infinity are missing, and 65535 among whole numbers.
-            intrinsics: of the depth image: fx, fy, cx, cy in pixels, a (3, 3) camera matrix, or a
-                mapping with the keys of a camera file.
+            intrinsics: of the depth image: fx, fy, cx, cy in pixels, a (3, 3) camera matrix or its
+                nine numbers by rows, or a mapping with the keys of a camera file.
             masks: masks of the objects to grasp, in place of detected regions: (H, W) ids, 0 =
                 background, or (n, H, W) bool. A pixel of several masks belongs to the first.
             workspace: where grasps may be: (H, W) bool, or a box x0, y0, z0, x1, y1, z1 in metres,
@@ -148,6 +147,8 @@ class GraspDetector:
         planner = self._planner
         if box:
             limits = replace(self.settings.limits, box=box)
+            with _argument_names():
+                check_limits(limits)
             planner = replace(planner, config=replace(self.settings, limits=limits))
         rng = np.random.default_rng(self._run_settings.seed)
         with self._run_settings.one_core():
@@ -155,6 +156,30 @@ class GraspDetector:
             allowed = None if mask is None else frame.undistorted(mask)
             result = planner.plan(frame, rng, labels, allowed)
         return result, None if instances is None else frame.undistorted(instances.ids)
+
+
+def _gripper(gripper: object, default: str) -> tuple[Gripper, str]:
+    """Return the gripper, and its preset or file; the default's where a `Gripper` is given."""
+    if isinstance(gripper, Gripper):
+        return gripper, InferConfig.gripper
+    if not isinstance(gripper, str | Path | None):
+        expected = "a preset, a TOML file, or a Gripper"
+        raise ValueRangeError("gripper", f"a {type(gripper).__name__}", expected)
+    name = str(gripper or default)
+    return load_gripper(name), name
+
+
+@contextmanager
+def _argument_names() -> Iterator[None]:
+    """Name options of the command in errors as Python arguments: `device`, not `--device`."""
+    try:
+        yield
+    except ValueRangeError as error:
+        name, found, expected = error.arguments or ("", None, "")
+        if not str(name).startswith("--"):
+            raise
+        name = str(name).removeprefix("--").replace("-", "_")
+        raise ValueRangeError(name, found, str(expected)) from error
 
 
 def _infer_config(

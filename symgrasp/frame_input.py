@@ -64,13 +64,13 @@ def instance_masks(masks: ArrayLike | None, shape: tuple[int, ...]) -> InstanceM
     if masks is None:
         return None
     found = _array("masks", masks)
-    if found.shape[-2:] != shape or found.ndim not in (2, 3):
-        raise ValueRangeError("masks", _described(found), f"of the depth's size {shape}")
-    if found.dtype == bool:
+    fits = found.shape[-2:] == shape and found.ndim in (2, 3)
+    if fits and found.dtype == bool:
         return _stacked(found.reshape(-1, *shape))
-    if found.ndim != 2 or found.dtype.kind not in "iu":
-        expected = "(height, width) whole numbers, 0 = background, or (n, height, width) of bool"
-        raise ValueRangeError("masks", _described(found), expected)
+    if not fits or found.ndim != 2 or found.dtype.kind not in "iu":
+        height, width = shape
+        expected = f"({height}, {width}) whole numbers, 0 = background, or (n, {height}, {width})"
+        raise ValueRangeError("masks", _described(found), f"{expected} of bool")
     low, high = (int(found.min()), int(found.max())) if found.size else (0, 0)
     if low < 0 or high > LARGEST_ID:
         raise ValueRangeError("masks", f"between {low} and {high}", f"0 to {LARGEST_ID}")
@@ -105,7 +105,7 @@ def _color(color: ArrayLike) -> NDArray[np.uint8]:
 
 
 def _depth(depth: ArrayLike) -> NDArray[Any]:
-    found = _array("depth", depth)
+    found = _array("depth", np.ma.filled(depth, 0) if np.ma.isMaskedArray(depth) else depth)
     numeric = found.dtype.kind == "f" or (found.dtype.kind in "iu" and found.dtype.itemsize > 1)
     if found.ndim != 2 or not found.size or not numeric:
         expected = "(height, width) of float, metres, or of uint16"
@@ -119,11 +119,14 @@ def _camera(intrinsics: IntrinsicsLike) -> CameraFile:
     if isinstance(intrinsics, Mapping):
         return camera_from_mapping(Path("intrinsics"), dict(intrinsics))
     found = _array("intrinsics", intrinsics)
-    if found.shape not in ((4,), (3, 3)) or found.dtype.kind not in "fiu":
-        expected = "fx, fy, cx, cy in pixels, or a (3, 3) camera matrix"
+    if found.shape not in ((4,), (9,), (3, 3)) or found.dtype.kind not in "fiu":
+        expected = (
+            "fx, fy, cx, cy in pixels, a (3, 3) camera matrix or its nine numbers by rows, or a"
+            " mapping with the keys of a camera file"
+        )
         raise ValueRangeError("intrinsics", _described(found), expected)
-    if found.shape == (3, 3):
-        return CameraFile.from_matrix(Path("intrinsics"), found)
+    if found.size == 9:  # a ROS CameraInfo has its matrix as nine numbers
+        return CameraFile.from_matrix(Path("intrinsics"), found.reshape(3, 3))
     fx, fy, cx, cy = (float(number) for number in found)
     return CameraFile(fx, fy, cx, cy, origin="intrinsics")
 
@@ -139,7 +142,8 @@ def _stacked(stack: Mask) -> InstanceMasks:
 def _array(name: str, values: object) -> NDArray[Any]:
     try:
         return np.asarray(values)
-    except (TypeError, ValueError) as error:  # a GPU's tensor, or rows of unequal lengths
+    except (TypeError, ValueError, RuntimeError) as error:
+        # A tensor on a GPU or with a gradient, or rows of unequal lengths.
         raise ValueRangeError(name, f"no array ({error})", "an array that numpy accepts") from error
 
 

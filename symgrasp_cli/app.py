@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from pipelines.errors import SymgraspError, printable
+from pipelines.errors import SymgraspError, error_sentence, printable
 from symgrasp_cli.annotate_symmetry import annotate_symmetry
 from symgrasp_cli.compare import compare
 from symgrasp_cli.config import config
@@ -91,7 +91,7 @@ class SymgraspGroup(TyperGroup):
         except BrokenPipeError:  # the reader has closed the pipe: click ends quietly
             raise
         except OSError as error:
-            typer.echo(f"error: {printable(str(error))}", err=True)
+            typer.echo(f"error: {error_sentence(error)}", err=True)
             raise typer.Exit(1) from error
         except (ImportError, RuntimeError) as error:
             from pipelines.health.packages import foreign_torchvision

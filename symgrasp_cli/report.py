@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from pipelines.errors import SymgraspError, printable
+from pipelines.errors import SymgraspError, error_sentence, printable
 
 if TYPE_CHECKING:
     from rich.table import Table as Drawn
@@ -58,7 +58,8 @@ def failure_as_json(command: str) -> Iterator[None]:
         yield
     except (SymgraspError, OSError) as error:
         if report_style().as_json:
-            typer.echo(json.dumps({"command": command, "ok": False, "error": str(error)}))
+            answer = {"command": command, "ok": False, "error": error_sentence(error)}
+            typer.echo(json.dumps(answer))
         raise
 
 

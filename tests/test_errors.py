@@ -5,7 +5,7 @@ import pickle
 
 import pytest
 
-from pipelines.errors import FormatError, SymgraspError, printable
+from pipelines.errors import FormatError, SymgraspError, error_sentence, printable
 from symgrasp_cli.app import PlainFormatter
 
 
@@ -23,6 +23,13 @@ from symgrasp_cli.app import PlainFormatter
 def test_control_characters_are_written_as_in_a_url(text: str, shown: str) -> None:
     assert printable(text) == shown
     assert str(SymgraspError(text)) == shown
+
+
+def test_an_error_of_the_system_names_the_file_and_the_reason() -> None:
+    error = PermissionError(13, "Permission denied", "a\x1b/b.json")
+    assert error_sentence(error) == "a%1B/b.json cannot be read or written (Permission denied)"
+    assert error_sentence(OSError("no file")) == "no file"
+    assert error_sentence(FormatError("a", "b", "c")) == "a: b; c"
 
 
 def test_an_error_that_a_worker_sends_back_has_the_same_text() -> None:

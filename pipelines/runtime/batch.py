@@ -13,7 +13,7 @@ from typing import Any
 from joblib import delayed
 
 from pipelines.contents import reason
-from pipelines.errors import StaleOutputError, SymgraspError, WriteError, printable
+from pipelines.errors import StaleOutputError, SymgraspError, WriteError, error_sentence
 from pipelines.runtime.clusters import CLUSTERS, check_backend, workers_of
 from pipelines.runtime.progress import with_progress
 from pipelines.storage.provenance import Stamp, is_finished
@@ -86,7 +86,7 @@ class StageReport:
         except WriteError:
             raise
         except (SymgraspError, OSError) as error:
-            self.failed[name] = str(error)
+            self.failed[name] = error_sentence(error)
         else:
             self.done.append(name)
 
@@ -206,6 +206,6 @@ def _attempt(
 def failure_sentence(error: Exception) -> str:
     """Return the sentence of an error that fails an item."""
     if isinstance(error, SymgraspError | OSError):
-        return printable(str(error))
+        return error_sentence(error)
     log.info("unforeseen", exc_info=error)
     return f"unforeseen {type(error).__name__} ({reason(error)}); please report it with --verbose"

@@ -29,7 +29,9 @@ def make_app(answer: Answer, facts: dict[str, Any], config: ServeConfig) -> Fast
         facts: content of `/health` in addition to the counts.
         config: limits of the server.
     """
-    app = FastAPI(title="SymGrasp", docs_url=None, redoc_url=None, openapi_url=None)
+    app = FastAPI(
+        title="SymGrasp", docs_url=None, redoc_url=None, openapi_url=None, redirect_slashes=False
+    )
     # Numbers of frames so far; only the thread of the event loop changes them.
     counts = {"answered": 0, "refused": 0, "waiting": 0}
     limiter = anyio.CapacityLimiter(config.parallel)
@@ -66,8 +68,9 @@ async def _answered(
 ) -> Response:
     """Return the grasps of the posted frame, or one sentence about its fault."""
     # Another type would let any web page that the user visits post here.
-    if request.headers.get("content-type", "").partition(";")[0].strip() != JSON_TYPE:
-        sentence = f"the Content-Type is not {JSON_TYPE}"
+    posted_type = request.headers.get("content-type", "").partition(";")[0].strip()
+    if posted_type != JSON_TYPE:
+        sentence = f"the Content-Type is {posted_type[:80] or 'not given'}; it must be {JSON_TYPE}"
         return await _refused_unread(request, 415, sentence, DISCARDED * config.max_bytes)
     try:
         body = await _body(request, config.max_bytes, DISCARDED * config.max_bytes)

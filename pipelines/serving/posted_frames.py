@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 
 from pipelines.contents import parsed_json
 from pipelines.errors import ValueRangeError
@@ -78,6 +78,8 @@ def _image(key: str, content: object, max_pixels: int) -> NDArray[Any]:
             array = np.asarray(image.convert(MODES[key]) if key == "color" else image)
     except Image.DecompressionBombError:
         raise ValueRangeError(key, "of too many pixels", f"at most {max_pixels}") from None
+    except UnidentifiedImageError:  # its text is the address of an object in memory
+        raise ValueRangeError(key, "no such picture", expected) from None
     except (OSError, SyntaxError, ValueError) as error:
         raise ValueRangeError(key, f"no such picture ({error})", expected) from None
     return array.astype(np.int32) if key == "masks" else array

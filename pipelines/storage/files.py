@@ -5,7 +5,7 @@ import json
 import math
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from pipelines.errors import FormatError, MissingInputError, SymgraspError, Writ
 from pipelines.storage.temporary import new_temporary
 
 NO_SPACE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+NOT_ALLOWED = {errno.EROFS, errno.EACCES, errno.EPERM}
 LONGEST_NAME = 255  # bytes of a file name that file systems accept
 
 
@@ -41,12 +42,13 @@ def atomic_path(path: Path) -> Iterator[Path]:
     """Yield a temporary path next to `path`; on success it is synced and renamed to `path`.
 
     Raises:
-        WriteError: there is no space.
+        WriteError: there is no space, or the folder of `path` may not be written.
     """
-    make_folder(path.parent)
-    temporary = new_temporary(path, lambda made: made.touch(mode=0o600, exist_ok=False))
+    with _write_errors_named(path, NO_SPACE | NOT_ALLOWED):
+        make_folder(path.parent)
+        temporary = new_temporary(path, lambda made: made.touch(mode=0o600, exist_ok=False))
     try:
-        with _no_space_reported(path):
+        with _write_errors_named(path, NO_SPACE):
             yield temporary
             with temporary.open("rb") as stream:
                 os.fsync(stream.fileno())
@@ -63,13 +65,14 @@ def atomic_folder(path: Path) -> Iterator[Path]:
     If `path` is a link, its target is replaced.
 
     Raises:
-        WriteError: there is no space.
+        WriteError: there is no space, or the folder of `path` may not be written.
     """
     path = real_path(path) if path.is_symlink() else path
-    make_folder(path.parent)
-    temporary = new_temporary(path, lambda made: made.mkdir(mode=0o700))
+    with _write_errors_named(path, NO_SPACE | NOT_ALLOWED):
+        make_folder(path.parent)
+        temporary = new_temporary(path, lambda made: made.mkdir(mode=0o700))
     try:
-        with _no_space_reported(path):
+        with _write_errors_named(path, NO_SPACE):
             yield temporary
             for file in temporary.rglob("*"):
                 if file.is_file():
@@ -87,12 +90,12 @@ def atomic_folder(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def _no_space_reported(path: Path) -> Iterator[None]:
-    """Name `path` in errors of a full disk, which name no file or a temporary one."""
+def _write_errors_named(path: Path, reasons: Set[int]) -> Iterator[None]:
+    """Name `path` in errors of these `reasons`, which name a temporary file or none."""
     try:
         yield
     except OSError as error:
-        if error.errno not in NO_SPACE:
+        if error.errno is None or error.errno not in reasons:
             raise
         raise WriteError(path, os.strerror(error.errno)) from error
     except WriteError as error:

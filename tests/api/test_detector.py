@@ -1,5 +1,6 @@
 """`GraspDetector`: arrays in, the grasps of `symgrasp infer` out."""
 
+import pickle
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields, replace
 from inspect import signature
@@ -104,6 +105,11 @@ def test_the_users_masks_become_the_regions_and_number_their_instances(light):
     assert_same(stacked, by_id)
 
 
+def test_a_detector_that_another_process_receives_finds_the_same_grasps(light):
+    received = pickle.loads(pickle.dumps(light))
+    assert_same(received(COLOR, DEPTH, CAMERA), light(COLOR, DEPTH, CAMERA))
+
+
 def test_grasps_keep_to_the_workspace(light):
     everywhere = light(COLOR, DEPTH, CAMERA)
     assert set(everywhere.region) == {0, 1}
@@ -182,6 +188,13 @@ def test_nothing_is_written_and_no_picture_kept(light, tmp_path, monkeypatch):
         ({"settings": "none.toml"}, MissingInputError, "none.toml does not exist"),
         ({"settings": 3}, SymgraspError, "settings is 3; it must be a mapping"),
         ({"device": "gpu"}, UnknownNameError, "device 'gpu' is not known"),
+        ({"device": "cuda:99"}, SymgraspError, "^device is cuda:99; it must be cpu"),
+        ({"gripper": {"name": "mine"}}, SymgraspError, "^gripper is a dict; it must be a preset"),
+        (
+            {"settings": {"limits.approach_direction": (0, 0, 0)}},
+            SymgraspError,
+            "^approach_direction is .*; it must be x,y,z, not all zero",
+        ),
         ({"network": "none.safetensors"}, MissingInputError, "none.safetensors does not exist"),
         ({"detector": "none.safetensors"}, MissingInputError, "none.safetensors does not exist"),
         ({"axis_critic": "none.safetensors"}, MissingInputError, "none.safetensors does not"),
@@ -203,3 +216,5 @@ def test_arrays_that_make_no_frame_are_refused_in_one_sentence(light):
         light(COLOR, DEPTH, CAMERA, masks=np.ones((2, 2), bool))
     with pytest.raises(SymgraspError, match="workspace is"):
         light(COLOR, DEPTH, CAMERA, workspace=(1, 2, 3))
+    with pytest.raises(SymgraspError, match=r"^workspace is .* divide millimetres by 1000"):
+        light(COLOR, DEPTH, CAMERA, workspace=(-200, -200, 400, 200, 200, 1200))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import torch
 
 from pipelines.errors import SymgraspError, UnknownNameError
 from pipelines.geometry.camera import Intrinsics
@@ -30,6 +31,8 @@ MATRIX = np.array([[60.0, 0, 32], [0, 61, 24], [0, 0, 1]])
         Intrinsics(*LENS, 64, 48),
         {"fx": 60.0, "fy": 61.0, "cx": 32.0, "cy": 24.0},
         {"K": MATRIX.ravel().tolist(), "width": 64, "height": 48},
+        MATRIX.ravel(),
+        MATRIX.ravel().tolist(),
     ],
 )
 def test_intrinsics_are_four_numbers_a_matrix_or_named(intrinsics):
@@ -82,6 +85,19 @@ def test_pixels_without_a_valid_distance_are_missing_and_the_callers_array_does_
     np.testing.assert_array_equal(depth, before)
 
 
+def test_masked_pixels_of_a_masked_array_are_missing():
+    depth = np.ma.masked_array(DEPTH, np.arange(64) < np.full(SHAPE, 2))
+    read = frame_of(COLOR, depth, LENS).depth
+    assert read[5, :3].tolist() == pytest.approx([0, 0, 0.8])
+
+
+def test_a_tensor_with_a_gradient_is_refused_in_one_sentence():
+    depth = torch.from_numpy(DEPTH).requires_grad_()
+    with pytest.raises(SymgraspError, match=r"depth is no array \(.*detach.* numpy accepts"):
+        frame_of(COLOR, depth, LENS)
+    np.testing.assert_allclose(frame_of(COLOR, depth.detach(), LENS).depth, 0.8, atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("changed", "sentence"),
     [
@@ -103,7 +119,7 @@ def test_pixels_without_a_valid_distance_are_missing_and_the_callers_array_does_
         ({"depth": np.full(SHAPE, np.nan)}, "depth: every pixel is missing"),
         ({"depth": [[1.0, 2.0], [3.0]]}, "depth is no array"),
         ({"intrinsics": None}, "intrinsics is None; it must be fx, fy, cx, cy"),
-        ({"intrinsics": LENS[:3]}, r"intrinsics is an array \(3,\)"),
+        ({"intrinsics": LENS[:3]}, r"intrinsics is an array \(3,\).* mapping with the keys"),
         ({"intrinsics": "60,61,32,24"}, "intrinsics is '60,61,32,24'; it must be fx, fy"),
         ({"intrinsics": (60.0, np.nan, 32.0, 24.0)}, "intrinsics: fy is nan; it must be positive"),
         ({"intrinsics": (60.0, 32.0, 61.0, 24.0)}, r"intrinsics: has its principal point at \(61"),
@@ -144,6 +160,7 @@ def test_masks_are_ids_or_one_mask_or_a_stack_whose_first_mask_takes_shared_pixe
     ("masks", "sentence"),
     [
         (np.ones((10, 20), bool), r"masks is an array \(10, 20\) of bool; .*\(48, 64\)"),
+        (np.ones((*SHAPE, 2), bool), r"masks is an array \(48, 64, 2\) .* \(n, 48, 64\) of bool"),
         (np.ones((2, 10, 20), bool), r"masks is an array \(2, 10, 20\)"),
         (np.ones((1, 1, *SHAPE), bool), r"masks is an array \(1, 1, 48, 64\)"),
         (np.ones((2, *SHAPE), np.uint8), r"masks is an array \(2, 48, 64\) of uint8; .* bool"),

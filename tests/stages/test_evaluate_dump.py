@@ -146,6 +146,14 @@ def test_a_missing_frame_is_named_and_counts_as_a_frame_without_grasps(root, dum
     assert found["ap"] == pytest.approx(found["ap_present"] / 2.0)
 
 
+def test_an_unreadable_frame_is_not_taken_for_one_that_a_stride_left_out(root, dump, tmp_path):
+    np.save(frame_file(dump, 100, 1), np.ones((3, 16)))
+    sentence = run(dump, root, tmp_path / "r.json").failed["scene_0100_realsense"]
+    assert sentence.startswith("1 of 2 frames are unreadable and count as without grasps: ")
+    assert "(3, 16)" in sentence
+    assert "--frame-stride" not in sentence
+
+
 def test_with_a_stride_only_its_frames_count(root, dump, tmp_path):
     for scene_id in (100, 160):
         frame_file(dump, scene_id, 1).unlink()
@@ -184,7 +192,10 @@ def test_rows_that_are_no_grasps_are_left_out_and_named(root, dump, tmp_path, re
     bad[0, 13], bad[1, 4:13], bad[2, 0] = np.nan, 0.0, np.inf
     np.save(path, np.concatenate([bad, rows]))
     done = run(dump, root, tmp_path / "r.json")
-    assert "row 0 holds numbers that are not finite, 3 rows" in done.failed["scene_0100_realsense"]
+    assert (
+        "row 0 holds numbers that are not finite, 3 of its rows"
+        in done.failed["scene_0100_realsense"]
+    )
     found, before = verdicts(tmp_path / "r.json", 100), verdicts(report, 100)
     np.testing.assert_array_equal(found["friction"], before["friction"])
     assert found["left_out"].tolist() == [3, 0]

@@ -113,6 +113,7 @@ def bomb(side=1200) -> str:
         (post(dpeth=1), "'dpeth'"),
         (post(color="not base64!"), "no base64"),
         (post(color=png(DEPTH)[:60]), "no such picture"),
+        (post(color=base64.b64encode(b"GIF89a").decode()), "no such picture; it must be PNG"),
         (post(depth=png(COLOR)), "a PNG of 16 bits"),
         (post(depth=bomb()), "of 1440000 pixels"),
         (post(depth=bomb(14_000)), "at most 1000000"),
@@ -152,11 +153,15 @@ def test_sizes_types_and_depths_of_bodies_have_limits():
     assert client.post("/grasps", content=parts, headers=head).status_code == 413
     assert client.post("/grasps", content=b"[" * 4000, headers=head).status_code == 400
     plain = {"Content-Type": "text/plain"}
-    assert client.post("/grasps", content=b"{}", headers=plain).status_code == 415
+    refused = client.post("/grasps", content=b"{}", headers=plain)
+    assert refused.status_code == 415
+    sentence = "the Content-Type is text/plain; it must be application/json"
+    assert refused.json() == {"error": sentence}
 
 
 @pytest.mark.parametrize(
-    ("method", "path", "status"), [("GET", "/grasps", 405), ("POST", "/", 404), ("PUT", "/x", 404)]
+    ("method", "path", "status"),
+    [("GET", "/grasps", 405), ("POST", "/", 404), ("PUT", "/x", 404), ("POST", "/grasps/", 404)],
 )
 def test_other_requests_are_told_which_are_answered(method, path, status):
     answer = client_of().request(method, path)

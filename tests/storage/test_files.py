@@ -1,6 +1,7 @@
 """Writing of whole files or none, and reading of files."""
 
 import contextlib
+import errno
 import json
 import os
 import sys
@@ -146,6 +147,18 @@ def test_a_full_disk_is_reported_with_the_path_and_leaves_nothing(write, tmp_pat
     with little_space(4096), no_space, atomic_folder(tmp_path / "x") as folder:
         write(folder / "y.png")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("reason", [errno.EROFS, errno.EACCES])
+def test_a_folder_that_may_not_be_written_is_reported_with_the_path(reason, tmp_path, monkeypatch):
+    def refuse(path, _make):
+        raise OSError(reason, os.strerror(reason), str(path.with_name(".x.a698b7.json")))
+
+    monkeypatch.setattr(files, "new_temporary", refuse)
+    refused = rf"^{tmp_path}/x.json cannot be written \({os.strerror(reason)}"
+    for write in (files.write_json, lambda path, _: atomic_folder(path).__enter__()):
+        with pytest.raises(WriteError, match=refused):
+            write(tmp_path / "x.json", {})
 
 
 def test_a_link_that_leads_out_of_an_output_folder_is_refused(tmp_path):

@@ -72,4 +72,4 @@ def _fault(name: str, given: GraspRows) -> str:
     if not given.faults:
         return ""
     first = min(given.faults)
-    return f"{name}: row {first} {given.faults[first]}, {len(given.faults)} rows are left out"
+    return f"{name}: row {first} {given.faults[first]}, {len(given.faults)} of its rows left out"

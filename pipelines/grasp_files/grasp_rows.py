@@ -20,7 +20,7 @@ COLUMNS = 17
 SAME = 1e-5  # a rotation with all entries this near to an exact rotation is left unchanged
 MAX_SKEW = 1e-3  # largest error of a rotation's entries, as float16 rounds; beyond is no rotation
 LENGTHS = (3, 13, 14, 15)  # columns; without widths, which are limited, and heights, ignored
-FARTHEST = 1e6  # metres; no measured length is larger
+FARTHEST = 100.0  # metres; no camera sees a grasp beyond, larger numbers are millimetres
 VERDICT_ARRAYS = (
     "min_friction",
     "min_friction_grid",
@@ -68,7 +68,7 @@ def read_grasp_rows(
         "holds numbers that are not finite": ~np.isfinite(rows).all(axis=1),
         "has no rotation in columns 4 to 12": wrong,
         "has a negative width": ~(rows[:, 1] >= 0.0),
-        "holds lengths beyond a thousand kilometres": (abs(rows[:, LENGTHS]) > FARTHEST).any(1),
+        "holds lengths beyond 100 metres": (abs(rows[:, LENGTHS]) > FARTHEST).any(1),
     }
     faults: dict[int, str] = {}
     for fault, has_it in found.items():

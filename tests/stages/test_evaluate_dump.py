@@ -202,6 +202,15 @@ def test_rows_that_are_no_grasps_are_left_out_and_named(root, dump, tmp_path, re
     assert found["row"][0][0] == before["row"][0][0] + 3
 
 
+def test_rows_in_millimetres_are_named(root, dump, tmp_path):
+    path = frame_file(dump, 100, 0)
+    rows = np.load(path)
+    rows[:, 13:16] *= 1000.0
+    np.save(path, rows)
+    failed = run(dump, root, tmp_path / "r.json").failed
+    assert "row 0 holds lengths beyond 100 metres" in failed["scene_0100_realsense"]
+
+
 def test_rotations_a_little_off_are_straightened_and_counted(root, dump, tmp_path):
     path = frame_file(dump, 100, 0)
     rows = np.load(path)

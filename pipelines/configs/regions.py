@@ -4,6 +4,8 @@ from dataclasses import dataclass, field
 
 from pipelines.configs.declaration import BY_EYE, choice, fraction, setting
 
+LEAST_PIXELS = "Least number of pixels of a region, at a width of 640 px; smaller images need less."
+
 
 @dataclass(frozen=True)
 class ColorConfig:
@@ -76,7 +78,7 @@ class RegionConfig:
     max_height: float = setting(
         0.5, "m", "Height above the plane beyond which a piece is an arm or a wall.", BY_EYE
     )
-    min_pixels: int = setting(200, "px", "Least number of pixels of a region.", BY_EYE, low=1)
+    min_pixels: int = setting(200, "px", LEAST_PIXELS, BY_EYE, low=1)
     max_extent: float = setting(0.45, "m", "Largest diagonal of an object.", BY_EYE)
     max_cut_extent: float = setting(
         0.2, "m", "Largest diagonal of an object cut off by the image border.", BY_EYE

@@ -101,7 +101,7 @@ class Planner:
         if self.peer is None:
             regions, plans = self._region_by_region(observation, rng)
             ranker = self._region_planner.ranker
-            reason = why_empty(observation, None if masks is None else config.min_region_pixels)
+            reason = why_empty(observation, by_masks=masks is not None)
         else:
             regions, plans = plans_of_frame(
                 self.peer, frame, observation, self.gripper, config, rng
@@ -202,7 +202,8 @@ class Planner:
         other pieces with grasps become separate regions. A single piece replaces its detection
         (D. 145).
         """
-        config, labels = self.config, observation.segments.labels
+        config = replace(self.config, min_region_pixels=observation.min_region_pixels)
+        labels = observation.segments.labels
         if not self._knows_symmetries or config.regions != "auto":
             return regions, plans
         pieces = {

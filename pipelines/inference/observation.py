@@ -30,6 +30,7 @@ from pipelines.tabletop.regions_geometric import (
     GeometricRegions,
     enlarged,
     geometric_regions,
+    least_pixels,
     working_step,
 )
 from pipelines.tabletop.sparse_depth import filled
@@ -50,6 +51,7 @@ class Observation:
         segments: the parts of the foreground that the depth alone separates.
         regions: in the order of detection.
         clouds: the points of each of `regions`.
+        min_region_pixels: least number of pixels of a region at the size of this image.
         too_small: number of further regions with fewer than `min_region_pixels`.
         improbable: number of further regions with a rating below `min_rating`.
     """
@@ -59,6 +61,7 @@ class Observation:
     segments: GeometricRegions
     regions: list[Region]
     clouds: list[RegionCloud]
+    min_region_pixels: int
     too_small: int = 0
     improbable: int = 0
 
@@ -96,6 +99,8 @@ def observe(
         ValueRangeError: `config.limits` are in the table frame, and no table is found.
     """
     depth, lens = filled(frame.depth), frame.intrinsics
+    least = least_pixels(config.min_region_pixels, depth.shape)
+    config = replace(config, min_region_pixels=least)
     # The user's instances are no support: a plane needs depth outside of the instances.
     ground = None if masks is None else masks == 0
     segments = geometric_regions(depth, lens, config.region, rng, ground)
@@ -118,7 +123,7 @@ def observe(
         replace(region, status=_status(cloud, segments))
         for region, cloud in zip(found, clouds, strict=True)
     ]
-    return Observation(frame.color, scene, segments, found, clouds, too_small, improbable)
+    return Observation(frame.color, scene, segments, found, clouds, least, too_small, improbable)
 
 
 def _shown_regions(
@@ -144,6 +149,7 @@ def _color_pieces(
 ) -> ColorPieces:
     """Return the pieces of uniform colour in `color` (H, W, 3), found at the working size."""
     step = working_step(segments.bare.shape)
+    config = replace(config, min_pixels=least_pixels(config.min_pixels, segments.bare.shape))
     found = color_pieces(color[::step, ::step], segments.bare[::step, ::step], config)
     return replace(found, labels=enlarged(found.labels, segments.bare.shape))
 
@@ -159,12 +165,12 @@ def _status(cloud: RegionCloud, segments: GeometricRegions) -> str:
     return REGION_MEASURED if height > least else REGION_FLAT
 
 
-def why_empty(observation: Observation, mask_pixels: int | None = None) -> str:
+def why_empty(observation: Observation, *, by_masks: bool = False) -> str:
     """Return the reason why no region of a frame has a grasp.
 
-    `mask_pixels`: smallest number of pixels of an instance in the user's masks; None without masks.
+    `by_masks`: whether the regions are the instances of the user's masks.
     """
-    if mask_pixels is None:
+    if not by_masks:
         return _why_none_graspable(observation)
     total = len(observation.regions) + observation.too_small
     if not total:
@@ -174,7 +180,7 @@ def why_empty(observation: Observation, mask_pixels: int | None = None) -> str:
         small = (
             f"{observation.too_small} of {total} instances of the masks were dropped as too small"
         )
-        reasons += [small, f"an instance needs {mask_pixels} pixels"]
+        reasons += [small, f"an instance needs {observation.min_region_pixels} pixels"]
     return "; ".join(reasons)
 
 

@@ -1,6 +1,6 @@
 """Regions without a network: pieces of the foreground that may be objects on the table."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -18,6 +18,7 @@ from pipelines.tabletop.regions.standing import standing as standing_pieces
 from pipelines.tabletop.tabletop import find_tabletop
 
 WORKING_WIDTH = 640  # pixels; larger images are thinned to about this width
+FEWEST_PIXELS = 20  # of a region, however small the image
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,7 @@ def geometric_regions(
 
     `ground`: (H, W) pixels that may show the support, if known.
     """
+    config = replace(config, min_pixels=least_pixels(config.min_pixels, depth.shape))
     step = working_step(depth.shape)
     small = depth[::step, ::step]
     fx, fy, cx, cy = (each / step for each in intrinsics.lens)
@@ -89,6 +91,15 @@ def geometric_regions(
 def working_step(shape: tuple[int, ...]) -> int:
     """Return the stride of rows and columns that thins an image of `shape` to a working size."""
     return max(1, round(max(shape) / WORKING_WIDTH))
+
+
+def least_pixels(usual: int, shape: tuple[int, ...]) -> int:
+    """Return the least number of pixels of a piece in an image of `shape`.
+
+    `usual`: of an image of `WORKING_WIDTH` or more; the same piece has fewer in a smaller image.
+    """
+    scale = min(1.0, max(shape) / WORKING_WIDTH)
+    return min(usual, max(FEWEST_PIXELS, round(usual * scale**2)))
 
 
 def enlarged(image: NDArray[np.generic], shape: tuple[int, ...]) -> Labels:

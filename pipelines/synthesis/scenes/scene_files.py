@@ -1,10 +1,11 @@
 """Writer of one synthetic scene in GraspNet-1Billion's layout."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from pipelines.array_types import Array
 from pipelines.configs import SynthesizeConfig
 from pipelines.dataset import convex_pieces as convex_file
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot, write_depth
@@ -65,19 +66,35 @@ def write_scene(
     labelled = config.collision_labels and config.labels.num_points > 0
     free = _write_collisions(root, scene_id, layout, stamp) if labelled else []
     with atomic_folder(root.scene_folder(scene_id)) as folder:
-        write_object_ids(folder / "object_id_list.txt", [o.object_id for o in layout.objects])
-        write_pose_array(folder / "rs_wrt_kn.npy", np.tile(np.eye(4), (config.views, 1, 1)))
-        if around.solids:
-            convex_file.write(folder / SURROUNDINGS_FILE, around.solids)
-        camera = folder / camera_folder(sensor)
-        write_npy(camera / "camK.npy", intrinsics.matrix)
-        write_pose_array(camera / "camera_poses.npy", invert(viewpoints[0]) @ viewpoints)
-        write_pose_array(camera / "cam0_wrt_table.npy", viewpoints[0])
         views = record(layout, viewpoints, intrinsics, sensor, rng, config.scenery)
-        for frame_id, view in enumerate(views):
-            _write_view(camera, frame_id, view, layout, intrinsics, free)
+        write_views(folder, camera_folder(sensor), views, layout, viewpoints, intrinsics, free)
         write_sidecar(folder, stamp)
     return f"{len(layout.objects)} objects, {config.views} views"
+
+
+def write_views(
+    folder: Path,
+    camera_name: str,
+    views: Iterable[View],
+    layout: SceneLayout,
+    viewpoints: Array,
+    intrinsics: Intrinsics,
+    free: Sequence[LabelledGrasps] = (),
+) -> None:
+    """Write a scene to `folder`: `views` of `layout` from `viewpoints` (n, 4, 4), T_table_cam.
+
+    `camera_name`: kinect or realsense. `free`: grasps of each object for planar labels, if any.
+    """
+    write_object_ids(folder / "object_id_list.txt", [o.object_id for o in layout.objects])
+    write_pose_array(folder / "rs_wrt_kn.npy", np.tile(np.eye(4), (len(viewpoints), 1, 1)))
+    if layout.surroundings.solids:
+        convex_file.write(folder / SURROUNDINGS_FILE, layout.surroundings.solids)
+    camera = folder / camera_name
+    write_npy(camera / "camK.npy", intrinsics.matrix)
+    write_pose_array(camera / "camera_poses.npy", invert(viewpoints[0]) @ viewpoints)
+    write_pose_array(camera / "cam0_wrt_table.npy", viewpoints[0])
+    for frame_id, view in enumerate(views):
+        _write_view(camera, frame_id, view, layout, intrinsics, free)
 
 
 def _sensor_of(config: SynthesizeConfig, scene_id: int, seed: int) -> str:

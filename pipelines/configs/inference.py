@@ -74,7 +74,7 @@ class InferConfig:
         "Least confidence of the detector in the box of a region that it did not find.",
         "D. 147",
     )
-    min_region_pixels: int = setting(200, "px", LEAST_PIXELS, BY_EYE, low=1)
+    min_region_pixels: int = setting(200, "px", LEAST_PIXELS, "D. 149", low=1)
     min_foreground: float = fraction(0.5, "Least share of a detection above the table.", BY_EYE)
     clip_detections: bool = choice(
         True, "Remove from detections the pixels that depth shows on the table.", "D. 19"

@@ -27,7 +27,7 @@ class ColorConfig:
     window: float = fraction(
         0.25, "Side of the window for the table's mean colour, relative to the image.", BY_EYE
     )
-    min_pixels: int = setting(150, "px", "Least number of pixels of a piece.", BY_EYE, low=1)
+    min_pixels: int = setting(150, "px", LEAST_PIXELS, "D. 149", low=1)
     max_slenderness: float = setting(
         45.0, "factor", "Length by width beyond which cables are removed from a piece.", BY_EYE
     )
@@ -78,7 +78,7 @@ class RegionConfig:
     max_height: float = setting(
         0.5, "m", "Height above the plane beyond which a piece is an arm or a wall.", BY_EYE
     )
-    min_pixels: int = setting(200, "px", LEAST_PIXELS, BY_EYE, low=1)
+    min_pixels: int = setting(200, "px", LEAST_PIXELS, "D. 149", low=1)
     max_extent: float = setting(0.45, "m", "Largest diagonal of an object.", BY_EYE)
     max_cut_extent: float = setting(
         0.2, "m", "Largest diagonal of an object cut off by the image border.", BY_EYE

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 from pipelines.configs.declaration import BY_EYE, choice, fraction, setting
 
-LEAST_PIXELS = "Least number of pixels of a region, at a width of 640 px; smaller images need less."
+LEAST_PIXELS = "Least number of pixels of a region; in images under 640 px, fewer by their area."
 
 
 @dataclass(frozen=True)

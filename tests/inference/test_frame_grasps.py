@@ -256,9 +256,8 @@ BARE = replace(FRAME, depth=np.where(INDEX == 0, 0, DEPTH).astype(np.float32))
 
 @pytest.mark.parametrize("limits", [{}, {"box": (-9.0, -9.0, -9.0, 9.0, 9.0, 9.0)}])
 def test_instances_that_are_too_small_are_reported_to_be(limits):
-    message = of_masks(
-        speck(), **limits
-    )  # in a small image an instance needs fewer than 200 pixels
+    # In a small image an instance needs fewer than 200 pixels.
+    message = of_masks(speck(), **limits)
     assert message == (
         "1 of 1 instances of the masks were dropped as too small; an instance needs 50 pixels"
     )

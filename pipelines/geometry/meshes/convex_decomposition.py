@@ -11,6 +11,7 @@ import io
 import json
 import logging
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -40,10 +41,24 @@ def decomposed(mesh: Mesh, settings: Mapping[str, float]) -> list[Array]:
             command, input=request.getvalue(), capture_output=True, timeout=TIME_LIMIT, check=True
         )
     except (subprocess.CalledProcessError, subprocess.TimeoutExpired) as error:
-        log.warning("coacd finds no pieces of a mesh of %d faces: %s", len(mesh.faces), error)
+        log.warning(
+            "coacd cannot cut a mesh of %d faces into convex pieces: %s",
+            len(mesh.faces),
+            _reason(error),
+        )
         return []
     with np.load(io.BytesIO(answer.stdout), allow_pickle=False) as pieces:
         return [pieces[f"arr_{index}"] for index in range(len(pieces.files))]
+
+
+def _reason(error: subprocess.CalledProcessError | subprocess.TimeoutExpired) -> str:
+    """Return the end of the child process in words, without its command."""
+    if isinstance(error, subprocess.TimeoutExpired):
+        return f"it took more than {error.timeout:.0f} s"
+    if error.returncode < 0:
+        number = -error.returncode
+        return f"signal {number} ended it ({signal.strsignal(number) or 'unknown'})"
+    return f"it ended with exit code {error.returncode}"
 
 
 def main() -> None:

@@ -26,10 +26,13 @@ def test_pieces_fill_the_walls_and_not_the_hollow():
     assert sum(volumes) == pytest.approx(mesh.volume, rel=0.05)
 
 
-def test_a_child_that_dies_or_takes_too_much_cpu_time_finds_no_pieces(monkeypatch):
+def test_a_child_that_dies_or_takes_too_much_cpu_time_finds_no_pieces(monkeypatch, caplog):
     monkeypatch.setattr(convex_decomposition, "CPU_LIMIT", 1)
     many = trimesh.creation.torus(0.05, 0.01, major_sections=200, minor_sections=100)
     mesh = Mesh(np.asarray(many.vertices), np.asarray(many.faces))
     assert convex_decomposition.decomposed(mesh, SETTINGS) == []
+    said = "coacd cannot cut a mesh of 40000 faces into convex pieces: signal 24 ended it"
+    assert caplog.messages[0].startswith(said)  # SIGXCPU
     monkeypatch.setattr(convex_decomposition.sys, "executable", "/bin/false")
     assert convex_decomposition.decomposed(tray(), SETTINGS) == []
+    assert caplog.messages[1].endswith("into convex pieces: it ended with exit code 1")

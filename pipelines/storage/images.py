@@ -15,7 +15,7 @@ from pipelines.storage.files import read_bytes, write_bytes
 
 TO_RGB = {3: cv2.COLOR_BGR2RGB, 4: cv2.COLOR_BGRA2RGB}  # by the number of channels
 COLOR_TYPES = (np.uint8, np.uint16, np.float32)  # that OpenCV converts; TIFF has others too
-JPEG_TAIL = 4096  # last bytes, which must contain the end mark; some cameras pad with zeros
+TAIL = 4096  # last bytes, which must contain the end mark; some cameras pad with zeros
 MAX_IMAGE_BYTES = 2**29  # 16 bit RGB of MAX_PIXELS, not compressed, and more
 # JPEG's starts of frame, which hold its size; the gaps are tables.
 FRAME_STARTS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
@@ -63,9 +63,9 @@ def _as_rgb(image: NDArray[Any]) -> NDArray[Any]:
 
 def _refuse_truncated(path: Path, data: bytes) -> None:
     # OpenCV fills the missing rows of a cut-off image without an error.
-    if data.startswith(b"\x89PNG") and b"IEND" not in data[-16:]:
+    if data.startswith(b"\x89PNG") and b"IEND" not in data[-TAIL:]:
         raise FormatError(path, "this PNG is cut off", "copy the whole file again")
-    if data.startswith(b"\xff\xd8") and b"\xff\xd9" not in data[-JPEG_TAIL:]:
+    if data.startswith(b"\xff\xd8") and b"\xff\xd9" not in data[-TAIL:]:
         raise FormatError(path, "this JPEG is cut off", "copy the whole file again")
 
 

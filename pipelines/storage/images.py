@@ -74,7 +74,7 @@ def write_image(path: Path, image: NDArray[Any]) -> None:
     try:
         data = encode_image(image, path.suffix)
     except SymgraspError as error:
-        raise FormatError(path, str(error), "use uint8 or uint16") from error
+        raise FormatError(path, str(error), "use uint8 or uint16, and .png") from error
     write_bytes(path, data)
 
 
@@ -82,9 +82,12 @@ def encode_image(image: NDArray[Any], suffix: str, jpeg_quality: int = 95) -> by
     """Return `image`, (H, W) or (H, W, 3) RGB, as the bytes of a file with that suffix."""
     stored = image[:, :, ::-1] if image.ndim == 3 else image
     options = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality] if suffix == ".jpg" else []
-    done, data = cv2.imencode(suffix, np.ascontiguousarray(stored), options)
+    try:
+        done, data = cv2.imencode(suffix, np.ascontiguousarray(stored), options)
+    except cv2.error:  # a suffix or a type that OpenCV does not know
+        done = False
     if not done:
-        raise SymgraspError(f"an image of {image.dtype} cannot be stored as {suffix}")
+        raise SymgraspError(f"an image of {image.dtype} cannot be stored as {suffix or 'a file'}")
     return data.tobytes()
 
 

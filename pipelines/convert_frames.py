@@ -24,7 +24,14 @@ from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.array_files import write_npz
 from pipelines.storage.files import atomic_folder, write_json
 from pipelines.storage.images import write_image
-from pipelines.storage.provenance import digest, digest_text, is_finished, make_stamp, write_sidecar
+from pipelines.storage.provenance import (
+    digest,
+    digest_text,
+    is_finished,
+    make_stamp,
+    refuse_foreign,
+    write_sidecar,
+)
 
 STAGE = "convert-frames"
 
@@ -49,11 +56,10 @@ def run(
     sources = find_frames(frames, replace(stated, trust_pickles=config.trust_pickle))
     overrides = f"{stated.camera} {stated.depth_units_per_metre}"
     stamp = make_stamp(STAGE, config, inputs={"frames": _digest(sources), "overrides": overrides})
+    refuse_foreign(output, STAGE)
     if is_finished(output, stamp, overwrite=overwrite):
         report.skipped += [source.name for source in sources]
         return report
-    if output.exists() and not (output / "provenance.json").is_file():
-        raise SymgraspError(f"{output} is no folder of convert-frames; choose another folder")
     with atomic_folder(output) as folder:
         for source in sources:
             with report.attempting(source.name):

@@ -58,7 +58,7 @@ from pipelines.storage.provenance import (
     digest,
     is_finished,
     make_stamp,
-    read_stamp,
+    refuse_foreign,
     sidecar_of,
     write_sidecar,
 )
@@ -103,6 +103,7 @@ def run(
     gripper = _gripper(index, name_or_path, config)
     frame = pose_frame(camera_to_base, config.frame_id)
     stamp = _stamp(grasps, name_or_path, gripper, config, camera_to_base)
+    _refuse_others_work(output)
     finished = is_finished(output, stamp, overwrite=overwrite)
     tally = ExportTally()
     frames = _exported(grasps, index, gripper, frame, config.min_score, report)
@@ -115,7 +116,6 @@ def run(
             pass
         report.skipped.append(output.name)
         return report
-    _refuse_others_work(output)
     header = ExportHeader(gripper, frame, stamp.as_json(), index.stamp)
     if config.to in TO_FILE:
         _write_file(output, stamp, lambda path: TO_FILE[config.to](path, frames, header))
@@ -170,13 +170,9 @@ def _stamp(
 
 def _refuse_others_work(output: Path) -> None:
     """Raise SymgraspError if `output` exists and no export wrote it."""
-    if not output.exists():
-        return
-    ours = (read_stamp(output) or {}).get("stage") == STAGE
-    # A run that was killed before it wrote the stamp leaves a .csv without one:
-    ours = ours or (output.suffix == ".csv" and grasp_csv.is_ours(output))
-    if not ours:
-        raise SymgraspError(f"{output} exists and is no output of export; choose another output")
+    # A run that was killed before it wrote the stamp leaves a .csv without one.
+    if not (output.suffix == ".csv" and output.is_file() and grasp_csv.is_ours(output)):
+        refuse_foreign(output, STAGE)
 
 
 def _exported(

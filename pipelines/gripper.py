@@ -18,6 +18,7 @@ from pipelines.runtime.batch import StageReport
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import write_text
 from pipelines.storage.images import write_image
+from pipelines.storage.provenance import refuse_other_suffix
 
 STAGE = "gripper"
 
@@ -37,17 +38,20 @@ def run(
 
     Raises:
         SymgraspError: `source` is no gripper, or an output file exists.
+        ValueRangeError: `output` is not named .toml.
     """
     started, report = time.monotonic(), StageReport(STAGE)
+    if output is not None:
+        refuse_other_suffix(output, ".toml")
     for path in (output, picture):
         if path is not None and path.exists() and not overwrite:
             raise SymgraspError(f"{path} exists; give --overwrite, or another name")
     gripper = gripper_of(source, config)
+    if picture is not None:
+        write_image(picture, draw_gripper(gripper))
     if output is not None:
         write_text(output, as_gripper_toml(gripper, Path(source).name))
         load_gripper(str(output))
-    if picture is not None:
-        write_image(picture, draw_gripper(gripper))
     report.done.append(gripper.name)
     odd = oddities_of(gripper)
     report.notes[gripper.name] = "; ".join(odd) or (

@@ -81,10 +81,11 @@ def listening(config: ServeConfig) -> list[socket.socket]:
             except OSError as error:
                 if not opened or error.errno not in NO_SUCH_ADDRESS:
                     raise
-    except OSError as error:
+    except (OSError, UnicodeError) as error:  # the latter of names that no host has, as ".local"
         for each in opened:
             each.close()
-        reason = str(error.strerror).partition(" (while")[0]
+        why = error.strerror if isinstance(error, OSError) else "this is no name of a host"
+        reason = str(why).partition(" (while")[0]
         where = f"--host {config.host} --port {config.port}"
         sentence = f"{where} cannot be listened on ({reason}); choose another port or address"
         raise SymgraspError(sentence) from error

@@ -29,7 +29,13 @@ from pipelines.runtime.batch import StageReport
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import atomic_folder
 from pipelines.storage.images import write_image
-from pipelines.storage.provenance import digest, is_finished, make_stamp, write_sidecar
+from pipelines.storage.provenance import (
+    digest,
+    is_finished,
+    make_stamp,
+    refuse_foreign,
+    write_sidecar,
+)
 from pipelines.tabletop.levelling import table_from_camera
 
 STAGE = "workspace"
@@ -76,8 +82,7 @@ def run(
     sources = sources[: config.max_frames]
     inputs = {f"{s.name} {path.name}": digest(path) for s in sources for path in s.files}
     stamp = make_stamp(STAGE, config, inputs=inputs)
-    if output.exists() and not (output / "provenance.json").is_file():
-        raise SymgraspError(f"{output} exists and is no output of workspace; choose another --out")
+    refuse_foreign(output, STAGE)
     is_finished(output, stamp, overwrite=overwrite)  # the boxes are printed again
     with atomic_folder(output) as folder:
         for source in sources:

@@ -47,7 +47,8 @@ def serve(
     sockets = stage.listening(http)
     if not report_style().quiet:
         port = sockets[0].getsockname()[1]
-        typer.echo(f"serving on http://{http.host}:{port}/grasps until Ctrl-C", err=True)
+        host = f"[{http.host}]" if ":" in http.host else http.host  # an address of IPv6
+        typer.echo(f"serving on http://{host}:{port}/grasps until Ctrl-C", err=True)
         if http.host not in stage.LOOPBACK:
             typer.echo("other machines can reach the server, which asks for no password", err=True)
     stage.run(app, http, sockets)

@@ -37,7 +37,7 @@ def read_toml(path: Path, expected: str = AS_TOML) -> dict[str, Any]:
         deep = is_deep(tables, MAX_LEVELS)
     except RecursionError:
         deep = True
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:  # not TOML, not text, or a number of thousands of digits
         raise FormatError(path, f"is not TOML ({reason(error)})", expected) from error
     if deep:
         raise FormatError(path, "is nested too deep", expected)

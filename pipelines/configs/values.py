@@ -33,12 +33,20 @@ def fitted(value: object, declared: Any, name: str, declaration: Declaration) ->
         return value
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if declared is float and is_number:
-        value = float(value)  # type: ignore[arg-type]  # a number
+        value = _as_float(value)  # type: ignore[arg-type]  # a number
     if type(value) is not declared:
         raise SettingError(name, _shown(value), expectation(declared, declaration))
     if is_number and not declaration.low <= value <= declaration.high:  # type: ignore[operator]
         raise SettingError(name, value, expectation(declared, declaration))
     return value
+
+
+def _as_float(number: float) -> float:
+    """Return the float nearest to `number`, infinity for integers beyond all floats."""
+    try:
+        return float(number)
+    except OverflowError:
+        return math.inf if number > 0 else -math.inf
 
 
 def _fitted_tuple(

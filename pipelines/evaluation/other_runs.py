@@ -107,4 +107,7 @@ def _difference(names: Sequence[str], expected: Sequence[str]) -> str:
     missing = sorted(set(expected) - set(names))
     if missing:
         return f"lacks {len(missing)} of our frames, for example {missing[0]}"
-    return f"has frames that ours lacks, for example {sorted(set(names) - set(expected))[0]}"
+    more = sorted(set(names) - set(expected))
+    if more:
+        return f"has frames that ours lacks, for example {more[0]}"
+    return "has our frames in another order, or some of them twice"

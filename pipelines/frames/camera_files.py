@@ -95,8 +95,11 @@ class CameraFile:
             K = np.asarray(matrix, dtype=np.float64)
         except (TypeError, ValueError) as error:
             raise FormatError(path, f"holds a value that is no number ({error})", FORMS) from error
-        if K.shape not in ((3, 3), (4, 4)) or abs(K[2, 2] - 1.0) > 1e-6:
+        if K.shape not in ((3, 3), (4, 4)):
             raise FormatError(path, f"a camera matrix of shape {K.shape}", "3x3 is expected")
+        if not abs(K[2, 2] - 1.0) <= 1e-6:  # written so that nan fails too
+            found = f"a camera matrix with {K[2, 2]:g} in its third row and column"
+            raise FormatError(path, found, "1 is expected; cameras without calibration have 0")
         fx, fy, cx, cy = (float(K[row, column]) for row, column in ((0, 0), (1, 1), (0, 2), (1, 2)))
         return cls(fx, fy, cx, cy, origin=str(path), **facts)
 

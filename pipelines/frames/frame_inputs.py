@@ -10,6 +10,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from pipelines.contents import mapping_in
 from pipelines.storage.provenance import digest
 
 Signature = list[int]  # size, time of change in nanoseconds
@@ -52,7 +53,7 @@ class FrameInputs(Mapping[str, str]):
         Only if their sizes and times of change agree with the stamp; `unchecked`: in any case,
         for a result of the same run.
         """
-        inputs, signatures = stamp.get("inputs"), stamp.get("recorded", {}).get("files")
+        inputs, signatures = stamp.get("inputs"), mapping_in(stamp, "recorded").get("files")
         if not isinstance(inputs, dict) or not self._files.keys() <= inputs.keys():
             return
         now = {name: _signature(path) for name, path in self._files.items()}

@@ -1,5 +1,6 @@
 """Find RGB-D frames below a folder, whatever its layout."""
 
+import os
 import re
 from collections.abc import Callable, Container
 from functools import partial
@@ -11,10 +12,11 @@ from pipelines.frames.layouts.registry import frames_in, pickled_in
 from pipelines.frames.rgbd import FrameSource
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.frames.unread_files import why_no_frames
-from pipelines.storage.files import real_path
+from pipelines.storage.files import is_file, real_path
 from pipelines.storage.unfinished import refuse_unfinished
 
 SCENE_FOLDER = re.compile(r"scene_(\d{4})")  # of GraspNet
+NOT_CHOSEN = "holds no RGB-D frames of this --split and --camera; name others or leave them out"
 
 
 def find_frames(
@@ -44,28 +46,40 @@ def find_frames(
             or scenes chosen in a folder without GraspNet scenes.
     """
     if not folder.is_dir():
-        sources = [found for found in _beside(folder, stated) if folder in found.files]
+        sources = _with_file(folder, stated)
         if not sources:
             raise SymgraspError(f"{folder} is not a folder; give the folder that holds the frames")
         return sources
     refuse_unfinished(folder)
     sources = _search(folder, "", stated, partial(_is_wanted, camera, scenes))
+    is_chosen = camera is not None or scenes is not None
     if not sources and not may_be_empty:
-        raise SymgraspError(why_no_frames(folder))
-    if (camera or scenes) and sources and not any(map(_is_of_a_scene, sources)):
+        raise SymgraspError(f"{folder} {NOT_CHOSEN}" if is_chosen else why_no_frames(folder))
+    if is_chosen and sources and not any(_is_of_a_scene(folder, each) for each in sources):
         raise SymgraspError(
             f"{folder} holds no GraspNet scenes (scene_NNNN); leave out --split and --camera"
         )
     return sources
 
 
-def _beside(file: Path, options: FrameOptions) -> list[FrameSource]:
-    """List the frames of the file's folder, and of the folder above: images may be in `rgb/`."""
-    if not file.is_file():
+def _with_file(file: Path, options: FrameOptions) -> list[FrameSource]:
+    """List the frames that `file` is part of; its folder is searched first, then that above.
+
+    Images may be in `rgb/`, whose frames are those of the folder above.
+    """
+    if not is_file(file):
         return []
-    folders = (file.parent, file.parent.parent)
-    found = [source for folder in folders for source in frames_in(folder, "", options)]
-    return found + pickled_in(file.parent, "", options)
+    # Path.parent of "x.png" is its own parent, and that of ".." is ".".
+    file = Path(os.path.abspath(file))  # noqa: PTH100 - Path.absolute keeps "..", resolve no links
+    searches = (
+        partial(frames_in, file.parent),
+        partial(frames_in, file.parent.parent),
+        partial(pickled_in, file.parent),
+    )
+    for search in searches:
+        if found := [source for source in search("", options) if file in source.files]:
+            return found
+    return []
 
 
 def _is_wanted(camera: str | None, scenes: Container[int] | None, folder: str) -> bool:
@@ -76,13 +90,20 @@ def _is_wanted(camera: str | None, scenes: Container[int] | None, folder: str) -
     return scene is None or scenes is None or int(scene[1]) in scenes
 
 
-def _is_of_a_scene(source: FrameSource) -> bool:
-    return any(map(SCENE_FOLDER.fullmatch, source.files[0].absolute().parts))
+def _is_of_a_scene(folder: Path, source: FrameSource) -> bool:
+    """Return whether a frame found in `folder` is in a scene; a damaged index has no files."""
+    parts = (*folder.absolute().parts, *source.name.split("/"))
+    return any(map(SCENE_FOLDER.fullmatch, parts))
 
 
 def _search(
-    folder: Path, prefix: str, options: FrameOptions, is_wanted: Callable[[str], bool]
+    folder: Path,
+    prefix: str,
+    options: FrameOptions,
+    is_wanted: Callable[[str], bool],
+    way: tuple[Path, ...] = (),
 ) -> list[FrameSource]:
+    """List the frames of `folder` and below; `way`: real paths of the folders that led to it."""
     if not is_wanted(folder.name):
         return []
     direct = frames_in(folder, prefix, options)
@@ -90,11 +111,11 @@ def _search(
         return direct
     # In a GraspNet root only the scenes hold frames; models/ is large.
     below = [folder / "scenes"] if (folder / "scenes").is_dir() else sorted(folder.iterdir())
-    sources = []
+    sources, way = [], (*way, real_path(folder))
     for child in below:
-        if child.is_symlink() and real_path(folder).is_relative_to(real_path(child)):
-            continue  # a link to a folder above would be searched for ever
+        if child.is_symlink() and any(step.is_relative_to(real_path(child)) for step in way):
+            continue  # a link back to a folder on the way would be searched again and again
         if child.is_dir() and not child.name.startswith("."):
             name = f"{prefix}/{child.name}" if prefix else child.name
-            sources += _search(child, name, options, is_wanted)
+            sources += _search(child, name, options, is_wanted, way)
     return sources or pickled_in(folder, prefix, options)

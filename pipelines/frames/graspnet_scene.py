@@ -124,7 +124,7 @@ def read_poses(annotation: Path, meta: Path) -> list[ObjectPose]:
         log.info("%s lists other objects than %s; poses are the XML's", meta, annotation.name)
         return rounded
     difference = [np.abs(pose.T_cam_obj - exact[pose.object_id]).max() for pose in rounded]
-    if not max(difference, default=0.0) <= LARGEST_ROUNDING:
+    if not np.max(difference, initial=0.0) <= LARGEST_ROUNDING:  # `max` would pass over nan
         log.warning("%s holds other poses than %s; the XML's are taken", meta, annotation.name)
         return rounded
     return [ObjectPose(pose.object_id, exact[pose.object_id], pose.name) for pose in rounded]

@@ -102,7 +102,7 @@ def _poses(path: Path, content: object) -> Iterator[Array]:
         return
     flat = [_numbers(content.get(name)) for name in ("x", "y", "z", "qx", "qy", "qz", "qw")]
     parts = [
-        next((_vector(content[name], axes) for name in names if name in content), None)
+        next((v for name in names if (v := _vector(content.get(name), axes)) is not None), None)
         for names, axes in ((POSITIONS, "xyz"), (TURNS, "xyzw"))
     ]
     if all(each is not None and each.shape == () for each in flat):

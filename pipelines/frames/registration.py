@@ -20,6 +20,7 @@ NEAR = 2  # pixels of the reduced image within which edges count as registered
 SURROUNDINGS = 31  # pixels of a window; its mean change of colour, from texture, is subtracted
 JUMP = 0.03  # 1/m between neighbouring pixels: 3 cm at 1 m
 FEWEST_JUMPS = 50
+AT_A_TIME = 10_000  # jumps, of 7 kB each; an ordinary frame has fewer
 LEAST_HEIGHT = 3  # pixels of the reduced image: a slope across rows needs as many
 FEW_MEASURED = 1 / 3
 CLEAR = 4.0  # standard deviations of the other offsets by which the best match exceeds their mean
@@ -75,7 +76,11 @@ def _match_at_offsets(changes: Image, jumps: Image) -> Image:
     rows, columns = np.divmod(np.flatnonzero(jumps > 0), jumps.shape[1])
     size = 2 * FARTHEST + 1
     windows = np.lib.stride_tricks.sliding_window_view(padded, (size, size))
-    return np.asarray(windows[rows, columns].mean(axis=0, dtype=np.float64), np.float32)
+    total = np.zeros((size, size))
+    for first in range(0, len(rows), AT_A_TIME):
+        piece = slice(first, first + AT_A_TIME)
+        total += windows[rows[piece], columns[piece]].sum(axis=0, dtype=np.float64)
+    return np.asarray(total / len(rows), np.float32)
 
 
 def oddities(frame: Frame) -> tuple[str, ...]:

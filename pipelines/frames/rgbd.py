@@ -67,7 +67,11 @@ class FrameSource:
 
 def read_color(path: Path) -> NDArray[np.uint8]:
     """Read a colour image as (H, W, 3) RGB; grey images are repeated in three channels."""
-    image = read_image(path)
+    return as_color(path, read_image(path))
+
+
+def as_color(path: Path, image: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return the `image` in `path` as (H, W, 3) RGB; see `read_color`."""
     if image.dtype != np.uint8:
         raise FormatError(path, f"a colour image of {image.dtype}", "8 bit is expected")
     if image.ndim == 2:

@@ -7,6 +7,7 @@ import numpy as np
 
 from pipelines.array_types import Mask
 from pipelines.errors import FormatError, ValueRangeError
+from pipelines.storage.files import is_file
 from pipelines.storage.images import read_image
 
 FORMS = "x0,y0,z0,x1,y1,z1 in metres, or a mask picture's path"
@@ -21,7 +22,7 @@ def parse_workspace(text: str | None) -> tuple[tuple[float, ...], Path | None]:
     if text is None:
         return (), None
     path = Path(text)
-    if path.is_file():
+    if is_file(path):
         return (), path
     try:
         box = tuple(float(part) for part in re.split(r"[,\s]+", text.strip()))

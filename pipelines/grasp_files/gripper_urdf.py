@@ -5,8 +5,9 @@ palm is the link that they slide on, with all links fixed to it. Each part is me
 of its collision bodies, or of its visual bodies if it has no collision bodies.
 """
 
-from collections.abc import Iterator
+from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from xml.etree.ElementTree import Element, ParseError
 
@@ -84,25 +85,40 @@ class _Bodies:
     links: dict[str, Element]
     joints: list[_Joint]
 
-    def placed(self, link: str, T: Array, share: float) -> Iterator[tuple[bool, Array]]:
-        """Yield points (n, 3) of `link` and of its child links, each with whether it is a finger.
+    @property
+    def sliding(self) -> list[_Joint]:
+        """The sliding joints."""
+        return [joint for joint in self.joints if joint.kind == "prismatic"]
 
-        Args:
-            link: name.
-            T: (4, 4), link to base.
-            share: position of the sliding joints, 0 at the lower limit, 1 at the upper limit.
+    def placed(self, base: str, ways: Mapping[str, float]) -> list[tuple[bool, Array]]:
+        """Return points (n, 3) of `base` and of the links below, each with whether it is a finger.
+
+        `ways`: position of each sliding joint, metres, by its child link.
         """
-        points = self._points(self.links[link])
-        if len(points):
-            yield False, transform_points(T, points)
-        for joint in self.joints:
-            if joint.parent != link or joint.child not in self.links:
-                continue
-            slides = joint.kind == "prismatic"
-            way = joint.limits[0] + share * (joint.limits[1] - joint.limits[0]) if slides else 0.0
-            T_joint = T @ joint.T_parent_joint @ make_pose(np.eye(3), way * joint.axis)
-            for is_finger, placed in self.placed(joint.child, T_joint, share):
-                yield is_finger or slides, placed
+        found, todo = [], [(base, np.eye(4), False)]
+        while todo:
+            link, T, is_finger = todo.pop()
+            points = self._points(self.links[link])
+            if len(points):
+                found.append((is_finger, transform_points(T, points)))
+            below = [j for j in self.joints if j.parent == link and j.child in self.links]
+            for joint in reversed(below):
+                slide = make_pose(np.eye(3), ways.get(joint.child, 0.0) * joint.axis)
+                T_below = T @ joint.T_parent_joint @ slide
+                todo.append((joint.child, T_below, is_finger or joint.kind == "prismatic"))
+        return found
+
+    def rotation(self, joint: _Joint, base: str) -> Array | None:
+        """Return the rotation (3, 3), joint to base; None if the joint is not below `base`."""
+        joint_of, R = {each.child: each for each in self.joints}, joint.T_parent_joint[:3, :3]
+        for _ in joint_of:  # at most as many steps, also in a circle of links
+            if joint.parent == base:
+                return R
+            if joint.parent not in joint_of:
+                return None
+            joint = joint_of[joint.parent]
+            R = joint.T_parent_joint[:3, :3] @ R
+        return None
 
     def _points(self, link: Element) -> Array:
         bodies = link.findall("collision") or link.findall("visual")
@@ -144,10 +160,12 @@ def _measured(
     path: Path, name: str, bodies: _Bodies, base: str, tip_reach: float, clearance: float
 ) -> Gripper:
     """Return the gripper measured on `bodies`, in the frame of the link `base`."""
-    closing = _closing(path, bodies, base)
-    at = [list(bodies.placed(base, np.eye(4), share)) for share in (0.0, 1.0)]
+    # A joint opens its finger at its upper or at its lower limit, as its axis points.
+    limits = [[(joint.child, way) for way in joint.limits] for joint in bodies.sliding]
+    at = [bodies.placed(base, dict(ways)) for ways in product(*limits)]
     if not all(any(is_finger for is_finger, _ in each) for each in at):
         raise FormatError(path, f"has no bodies on fingers below {base}", WRITE_BY_HAND)
+    closing = _closing(path, bodies, base)
     middle = np.concatenate([points for is_finger, points in at[0] if is_finger]).mean(axis=0)
     approach = _approach(middle, closing)
     axes = np.stack([approach, closing, np.cross(approach, closing)])
@@ -199,14 +217,12 @@ def _closing(path: Path, bodies: _Bodies, base: str) -> Array:
     Raises:
         FormatError: the fingers slide along no axis of this frame.
     """
-    joint = next(each for each in bodies.joints if each.kind == "prismatic")
-    if joint.parent != base:
-        return np.array([0.0, 1.0, 0.0])
-    axis = unit(joint.T_parent_joint[:3, :3] @ joint.axis)
-    place = int(np.argmax(np.abs(axis)))
-    if abs(axis[place]) < SQUARE:
+    turns = ((joint, bodies.rotation(joint, base)) for joint in bodies.sliding)
+    axes = [unit(R @ joint.axis) for joint, R in turns if R is not None]
+    places = [int(np.argmax(np.abs(axis))) for axis in axes]
+    if len(axes) < 2 or len(set(places)) > 1 or not np.abs(axes).max(axis=1).min() >= SQUARE:
         raise FormatError(path, f"has fingers that slide askew to {base}", WRITE_BY_HAND)
-    return np.asarray(np.eye(3)[place])
+    return np.asarray(np.eye(3)[places[0]])
 
 
 def _approach(middle: Array, closing: Array) -> Array:

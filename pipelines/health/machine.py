@@ -1,6 +1,7 @@
 """Cores, memory and disk of this machine that this process may use."""
 
 import os
+import re
 import shutil
 from pathlib import Path
 
@@ -8,6 +9,7 @@ from pipelines.health.checks import Check, Status
 
 MEMORY_INFO = Path("/proc/meminfo")
 CONTROL_GROUP = Path("/sys/fs/cgroup")
+INACTIVE = re.compile(r"inactive_file \d")
 GIGA = 1e9
 
 
@@ -68,10 +70,12 @@ def _available(memory_info: Path) -> float | None:
 
 def _left_of_limit(control_group: Path) -> float | None:
     try:
-        limit, used = (
+        limit, used, stat = (
             (control_group / name).read_text(encoding="ascii").strip()
-            for name in ("memory.max", "memory.current")
+            for name in ("memory.max", "memory.current", "memory.stat")
         )
     except OSError:  # no container, or an older kind of control groups
         return None
-    return float(limit) - float(used) if limit.isdecimal() else None
+    # Used memory includes the cache of files that were read, which the system gives up.
+    cached = next((line.split()[1] for line in stat.splitlines() if INACTIVE.match(line)), "0")
+    return float(limit) - float(used) + float(cached) if limit.isdecimal() else None

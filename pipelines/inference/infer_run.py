@@ -10,6 +10,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -187,7 +188,7 @@ def overlay_path(folder: Path, frame_name: str) -> Path:
 def finished_items(items: Sequence[WorkItem]) -> list[WorkItem]:
     """Return the items with valid shards.
 
-    Shards left by a killed run with other settings are removed: they are of no use.
+    Damaged shards, and those of a killed run with other settings, are removed: they are of no use.
     """
     finished = []
     for item in items:
@@ -202,9 +203,17 @@ def has_shard(item: WorkItem) -> bool:
     """Return whether the shard of `item` exists and has the item's stamp."""
     if not item.target.exists():
         return False
-    found = read_stamp(item.target) or {}
+    found = _stamp_of_shard(item.target)
     inputs_of(item).take_over(found)
     return {**found, "recorded": None} == {**item.stamp.as_json(), "recorded": None}
+
+
+def _stamp_of_shard(path: Path) -> dict[str, Any]:
+    """Return the stamp of a shard; empty if it has none, or is damaged."""
+    try:
+        return read_stamp(path) or {}
+    except FormatError:
+        return {}
 
 
 def inputs_of(item: WorkItem) -> FrameInputs:
@@ -230,7 +239,7 @@ def earlier_frames(run: InferRun) -> dict[str, WorkItem]:
     wanted, items = run.stamp(run.shared_inputs).as_json(), {}
     parts = sorted(grasps_file.parts_folder(run.output).glob("[!.]*.h5"))
     for path in parts:
-        found = read_stamp(path) or {}
+        found = _stamp_of_shard(path)
         if (
             _has_same_settings(found, wanted)
             and wanted["inputs"].items() <= found["inputs"].items()

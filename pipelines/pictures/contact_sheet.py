@@ -4,6 +4,7 @@ Writes  DIR/sheet_NN.png   24 objects per page, for review by a person
         DIR/index.html     all objects on one page, with the facts of each as text
 """
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +31,7 @@ LEGEND = (
     "pink, blue, amber sheets: mirrors 0, 1, 2   red: axes, spheres   "
     "coloured surface: regions   dashed grey: nearest rejected"
 )
+SHEET = re.compile(r"sheet_\d{2,}\.png")
 TEMPLATE = Path(__file__).with_suffix(".html")
 
 
@@ -54,7 +56,8 @@ def write_sheets(folder: Path, tiles: Sequence[Tile]) -> list[Path]:
     size = SHEET_COLUMNS * SHEET_ROWS
     pages = [ranked[start : start + size] for start in range(0, len(ranked), size)]
     paths = [folder / f"sheet_{number:02d}.png" for number in range(1, len(pages) + 1)]
-    for old in set(folder.glob("sheet_[0-9][0-9].png")) - set(paths):
+    earlier = {path for path in folder.glob("sheet_*.png") if SHEET.fullmatch(path.name)}
+    for old in earlier - set(paths):
         old.unlink()
     for number, (path, page) in enumerate(zip(paths, pages, strict=True)):
         title = f"page {number + 1} of {len(pages)}, most doubtful first"

@@ -13,7 +13,13 @@ from typing import Any
 from joblib import delayed
 
 from pipelines.contents import reason
-from pipelines.errors import StaleOutputError, SymgraspError, WriteError, error_sentence
+from pipelines.errors import (
+    FormatError,
+    StaleOutputError,
+    SymgraspError,
+    WriteError,
+    error_sentence,
+)
 from pipelines.runtime.clusters import CLUSTERS, check_backend, workers_of
 from pipelines.runtime.progress import with_progress
 from pipelines.storage.provenance import Stamp, is_finished
@@ -142,14 +148,14 @@ def run_batch(
 
 
 def drop_stale(items: Sequence[WorkItem], options: BatchOptions) -> None:
-    """Remove stale targets, for outputs that are parts of another output.
+    """Remove stale and damaged targets, for outputs that are parts of another output.
 
     Parts without that other output are left over from an interrupted run.
     """
     for item in items:
         try:
             is_finished(item.target, item.stamp)
-        except StaleOutputError:
+        except (StaleOutputError, FormatError):
             if not options.dry_run:
                 item.target.unlink()
 

@@ -112,7 +112,12 @@ def read_npz(path: Path, required: Sequence[str] = ()) -> dict[str, NDArray[Any]
             if missing:
                 found = f"lacks the arrays {', '.join(missing)}"
                 raise FormatError(path, found, f"it holds {', '.join(content.files)}")
-            return {name: content[name] for name in content.files}
+            arrays = {name: content[name] for name in content.files}
+    # numpy gives a member of another format as its bytes.
+    others = [name for name, each in arrays.items() if not isinstance(each, np.ndarray)]
+    if others:
+        raise FormatError(path, f"`{others[0]}` is no array", "an .npz of arrays is expected")
+    return arrays
 
 
 def _refuse_bomb(path: Path, archive: zipfile.ZipFile) -> None:

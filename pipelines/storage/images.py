@@ -15,7 +15,7 @@ from pipelines.storage.files import read_bytes, write_bytes
 
 TO_RGB = {3: cv2.COLOR_BGR2RGB, 4: cv2.COLOR_BGRA2RGB}  # by the number of channels
 COLOR_TYPES = (np.uint8, np.uint16, np.float32)  # that OpenCV converts; TIFF has others too
-JPEG_TAIL = 4096  # last bytes, which must contain the end mark; some cameras pad with zeros
+TAIL = 4096  # last bytes, which must contain the end mark; some cameras pad with zeros
 MAX_IMAGE_BYTES = 2**29  # 16 bit RGB of MAX_PIXELS, not compressed, and more
 # JPEG's starts of frame, which hold its size; the gaps are tables.
 FRAME_STARTS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
@@ -63,9 +63,9 @@ def _as_rgb(image: NDArray[Any]) -> NDArray[Any]:
 
 def _refuse_truncated(path: Path, data: bytes) -> None:
     # OpenCV fills the missing rows of a cut-off image without an error.
-    if data.startswith(b"\x89PNG") and b"IEND" not in data[-16:]:
+    if data.startswith(b"\x89PNG") and b"IEND" not in data[-TAIL:]:
         raise FormatError(path, "this PNG is cut off", "copy the whole file again")
-    if data.startswith(b"\xff\xd8") and b"\xff\xd9" not in data[-JPEG_TAIL:]:
+    if data.startswith(b"\xff\xd8") and b"\xff\xd9" not in data[-TAIL:]:
         raise FormatError(path, "this JPEG is cut off", "copy the whole file again")
 
 
@@ -74,7 +74,7 @@ def write_image(path: Path, image: NDArray[Any]) -> None:
     try:
         data = encode_image(image, path.suffix)
     except SymgraspError as error:
-        raise FormatError(path, str(error), "use uint8 or uint16") from error
+        raise FormatError(path, str(error), "use uint8 or uint16, and .png") from error
     write_bytes(path, data)
 
 
@@ -82,9 +82,12 @@ def encode_image(image: NDArray[Any], suffix: str, jpeg_quality: int = 95) -> by
     """Return `image`, (H, W) or (H, W, 3) RGB, as the bytes of a file with that suffix."""
     stored = image[:, :, ::-1] if image.ndim == 3 else image
     options = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality] if suffix == ".jpg" else []
-    done, data = cv2.imencode(suffix, np.ascontiguousarray(stored), options)
+    try:
+        done, data = cv2.imencode(suffix, np.ascontiguousarray(stored), options)
+    except cv2.error:  # a suffix or a type that OpenCV does not know
+        done = False
     if not done:
-        raise SymgraspError(f"an image of {image.dtype} cannot be stored as {suffix}")
+        raise SymgraspError(f"an image of {image.dtype} cannot be stored as {suffix or 'a file'}")
     return data.tobytes()
 
 

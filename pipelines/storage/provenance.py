@@ -12,8 +12,10 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import h5py
+
 from pipelines.contents import json_object
-from pipelines.errors import FormatError, StaleOutputError, ValueRangeError
+from pipelines.errors import FormatError, StaleOutputError, SymgraspError, ValueRangeError
 from pipelines.storage.files import make_folder, open_safetensors, read_json, write_json
 from pipelines.storage.h5_columns import attribute
 from pipelines.storage.h5_files import open_h5
@@ -145,7 +147,9 @@ def refuse_other_suffix(output: Path, suffix: str) -> None:
 
 def read_stamp(target: Path) -> dict[str, Any] | None:
     """Return the stamp of `target`, or None if it has none; a stamp is a JSON object."""
-    match target.suffix:
+    is_bare_h5 = not target.suffix and target.is_file() and h5py.is_hdf5(target)
+    # A folder's stamp is in the folder, whatever its name ends in.
+    match ".h5" if is_bare_h5 else "" if target.is_dir() else target.suffix:
         case ".h5" | ".hdf5":
             with open_h5(target, root_attributes_only=True) as file:
                 return _stamp_of(attribute(file, "provenance"))
@@ -172,6 +176,12 @@ def _stamp_of(text: object) -> dict[str, Any] | None:
         return json_object("", text, "the stamp")
     except FormatError:
         return None
+
+
+def refuse_foreign(output: Path, stage: str) -> None:
+    """Raise SymgraspError if `output` exists and was not written by `stage`, even to overwrite."""
+    if output.exists() and (read_stamp(output) or {}).get("stage") != stage:
+        raise SymgraspError(f"{output} exists and is no output of {stage}; choose another output")
 
 
 def is_finished(target: Path, stamp: Stamp, *, overwrite: bool = False) -> bool:

@@ -114,6 +114,8 @@ def test_a_misspelt_setting_is_refused_with_the_nearest_name_and_all_known_names
         ({"gripper": 3}, "a text"),
         ({"min_foreground": 1.5}, "a number from 0 to 1"),
         ({"min_foreground": math.nan}, "a number from 0 to 1"),
+        ({"min_foreground": 10**400}, "a number from 0 to 1"),
+        ({"sensor": {"depth_noise": -(10**400)}}, "a number in m, at least 0"),
         ({"limits": {"approach_direction": [0, 1]}}, "a list of 3"),
         ({"limits": {"box": 3}}, "a list, of each a number in m"),
         (
@@ -192,6 +194,7 @@ def test_renamed_settings_exist_under_their_new_names():
         ("a = [", "is not TOML"),
         ("# " + "x" * MAX_BYTES, "is larger than"),
         (b"a = '\xff'", "is not TOML"),
+        ("min_score = " + "9" * 5000, "is not TOML"),
     ],
 )
 def test_a_wrong_settings_file_is_reported_in_one_sentence(tmp_path, content, fault):

@@ -1,6 +1,8 @@
 """Rows of reports: names, titles, order."""
 
-from pipelines.evaluation import published
+import pytest
+
+from pipelines.evaluation import other_runs, published
 from pipelines.evaluation.rows import KNOWN_ROWS, ordered_rows, report_row
 
 
@@ -24,3 +26,16 @@ def test_rows_of_files_stand_before_the_baselines():
         "oracle",
         "random",
     ]
+
+
+@pytest.mark.parametrize(
+    ("names", "sentence"),
+    [
+        ("a", "lacks 1 of our frames, for example b"),
+        ("abc", "has frames that ours lacks, for example c"),
+        ("ba", "has our frames in another order, or some of them twice"),
+        ("aab", "has our frames in another order, or some of them twice"),
+    ],
+)
+def test_the_difference_of_another_run_is_named(names, sentence):
+    assert other_runs._difference(names, "ab") == sentence

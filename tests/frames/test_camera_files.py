@@ -96,6 +96,7 @@ def test_any_other_value_of_the_option_is_reported_in_one_sentence(text: str) ->
         ("a.json", "[1, 2]"),
         ("a.json", '{"fx": "wide", "fy": 1, "cx": 1, "cy": 1}'),
         ("a.json", '{"K": [1, 2, 3]}'),
+        ("a.json", '{"K": [60, 0, 30, 0, 60, 20, 0, 0, NaN]}'),
         ("a.txt", "1 2 3"),
         ("a.txt", "camera"),
         ("a.yaml", "name: x\n"),
@@ -105,6 +106,11 @@ def test_damaged_files_are_reported_in_one_sentence(tmp_path: Path, name: str, t
     (tmp_path / name).write_text(text)
     with pytest.raises(FormatError, match=name):
         read_camera_file(tmp_path / name)
+
+
+def test_a_camera_that_was_never_calibrated_is_refused_as_such() -> None:
+    with pytest.raises(FormatError, match="with 0 in its third row and column; 1 is expected"):
+        CameraFile.from_matrix(Path("bag"), np.zeros((3, 3)))
 
 
 def test_lengths_and_units_must_be_positive() -> None:

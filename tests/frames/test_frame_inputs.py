@@ -80,3 +80,13 @@ def test_digests_of_changed_files_are_computed_again(
     again = FrameInputs({}, files)
     again.take_over(stamp, unchecked=True)  # results of this run stay valid
     assert dict(again) == stamp["inputs"]
+
+
+@pytest.mark.parametrize("stamp", [{}, {"inputs": 3}, {"inputs": {}, "recorded": 3}])
+def test_a_stamp_of_another_form_gives_no_digests(files: tuple[Path, ...], stamp: dict) -> None:
+    inputs = FrameInputs({}, files)
+    inputs.take_over(stamp)
+    assert not inputs.are_known
+    nothing = FrameInputs({}, ())
+    nothing.take_over(stamp)
+    assert dict(nothing) == {}

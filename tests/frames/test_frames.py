@@ -134,6 +134,40 @@ def test_a_split_or_camera_of_a_folder_without_scenes_is_refused(
     assert len(find_frames(root, **chosen)) == 2
 
 
+def test_a_choice_without_frames_is_refused_as_a_choice(scene_root: Path) -> None:
+    for folder in (scene_root, scene_root / "scenes" / "scene_0100" / "kinect"):
+        with pytest.raises(SymgraspError, match="of this --split and --camera; name others"):
+            find_frames(folder, camera="realsense", scenes=range(5))
+
+
+def test_a_choice_in_a_folder_with_a_damaged_index_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "transforms.json").write_text("{")
+    with pytest.raises(SymgraspError, match="holds no GraspNet scenes"):
+        find_frames(tmp_path, camera="kinect")
+
+
+@pytest.mark.parametrize(
+    ("folder", "given"),
+    [(".", "x_color.png"), ("below", "../x_color.png"), (".", "./x_depth.png")],
+)
+def test_a_file_of_the_working_folder_is_one_frame(
+    tmp_path: Path, save: Save, monkeypatch: pytest.MonkeyPatch, folder: str, given: str
+) -> None:
+    save(tmp_path / "x_color.png", tmp_path / "x_depth.png", tmp_path / "x_camera.json")
+    (tmp_path / "below").mkdir()
+    monkeypatch.chdir(tmp_path / folder)
+    assert [source.name for source in find_frames(Path(given))] == ["x"]
+
+
+def test_an_image_of_the_working_folder_finds_its_sister_folder(
+    tmp_path: Path, save: Save, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save(tmp_path / "rgb" / "7.png", tmp_path / "depth" / "7.png", tmp_path / "camera.json")
+    monkeypatch.chdir(tmp_path / "rgb")
+    (source,) = find_frames(Path("7.png"))
+    assert source.read().depth.shape == (HEIGHT, WIDTH)
+
+
 def test_a_picture_of_the_depth_is_not_taken_for_colour(flat: Path, color: np.ndarray) -> None:
     cv2.imwrite(str(flat / "a_depth_color.png"), color)
     assert [source.name for source in find_frames(flat)] == ["a", "b"]
@@ -158,6 +192,17 @@ def test_a_link_to_a_folder_above_ends_the_search(tmp_path: Path, save: Save) ->
     save(folder / "x_color.png", folder / "x_depth.png", None)
     (tmp_path / "again").symlink_to(tmp_path)
     assert [source.name for source in find_frames(tmp_path)] == ["one/x"]
+
+
+def test_folders_that_link_to_each_other_are_searched_once(tmp_path: Path, save: Save) -> None:
+    folders = [tmp_path / name for name in "abcd"]
+    save(folders[0] / "x_color.png", folders[0] / "x_depth.png", folders[0] / "camera.json")
+    for folder in folders[1:]:
+        folder.mkdir()
+        for other in folders[1:]:
+            if other != folder:
+                (folder / f"to_{other.name}").symlink_to(other)
+    assert [source.name for source in find_frames(tmp_path)] == ["a/x"]
 
 
 def test_a_link_to_itself_is_passed_over(tmp_path: Path, save: Save) -> None:

@@ -200,7 +200,7 @@ def test_poses_take_the_digits_of_the_mat_where_both_files_agree(
         assert_allclose(read.T_cam_obj, pose.T_cam_obj, atol=1e-6)
 
 
-@pytest.mark.parametrize("stale", ["moved", "other objects", "absent"])
+@pytest.mark.parametrize("stale", ["moved", "damaged", "other objects", "absent"])
 def test_poses_come_from_the_xml_where_the_mat_is_stale(
     tmp_path: Path, poses: list[ObjectPose], stale: str
 ) -> None:
@@ -208,11 +208,15 @@ def test_poses_come_from_the_xml_where_the_mat_is_stale(
     if stale == "moved":
         moved = [ObjectPose(p.object_id, p.T_cam_obj + 0.01) for p in poses]
         scene.write_meta(tmp_path / "a.mat", moved, K)
+    elif stale == "damaged":
+        damaged = ObjectPose(poses[-1].object_id, np.full((4, 4), np.nan))
+        scene.write_meta(tmp_path / "a.mat", [*poses[:-1], damaged], K)
     elif stale == "other objects":
         scene.write_meta(tmp_path / "a.mat", poses[:2], K)
     read = scene.read_poses(tmp_path / "a.xml", tmp_path / "a.mat")
     assert [p.object_id for p in read] == [14, 2, 70]
-    assert_allclose(read[0].T_cam_obj, poses[0].T_cam_obj, atol=3e-4)
+    for found, pose in zip(read, poses, strict=True):
+        assert_allclose(found.T_cam_obj, pose.T_cam_obj, atol=3e-4)
 
 
 def test_object_ids_are_one_a_line(tmp_path: Path) -> None:

@@ -46,6 +46,13 @@ FILES = {
     "commas.txt": "\n".join(", ".join(map(repr, row)) for row in ROWS),
     "matrix.yaml": f"camera_to_base: {ROWS}\n",
     "lists.yaml": f"position: [0.5, -0.2, 0.8]\norientation: [{X}, {Y}, {Z}, {W}]\n",
+    "both.json": json.dumps(
+        {
+            "translation": T_BASE_CAM[:3, 3].tolist(),
+            "rotation": T_BASE_CAM[:3, :3].tolist(),
+            "quaternion": [X, Y, Z, W],
+        }
+    ),
     "easy_handeye.yaml": EASY_HANDEYE,
     "easy_handeye2.calib": EASY_HANDEYE2,
     "moveit.launch": LAUNCH,

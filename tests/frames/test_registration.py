@@ -1,5 +1,6 @@
 """Detection of colour that is offset from the depth; registered frames give no warning."""
 
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
+from pipelines.frames import registration
 from pipelines.frames.frames import find_frames
 from pipelines.frames.registration import (
     FARTHEST,
@@ -111,3 +113,19 @@ def test_a_match_is_the_mean_over_the_jumps() -> None:
     for y, x in ((0, 0), (FARTHEST, FARTHEST), (2 * FARTHEST, 3)):
         there = padded[y : y + 60, x : x + 80][jumps > 0]
         assert_allclose(_match_at_offsets(changes, jumps)[y, x], there.mean(), rtol=1e-5)
+
+
+def test_many_jumps_are_matched_piece_by_piece(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(0)
+    changes, jumps = rng.random((2, 60, 80)).astype(np.float32)
+    whole = _match_at_offsets(changes, jumps)
+    monkeypatch.setattr(registration, "AT_A_TIME", 7)
+    assert_allclose(_match_at_offsets(changes, jumps), whole, rtol=1e-6)
+
+
+def test_noise_takes_no_more_memory_than_a_piece() -> None:
+    changes = np.zeros((240, 320), np.float32)
+    tracemalloc.start()
+    _match_at_offsets(changes, np.ones_like(changes))
+    assert tracemalloc.get_traced_memory()[1] < 2e8  # bytes; all offsets of all pixels take 5e8
+    tracemalloc.stop()

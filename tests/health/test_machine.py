@@ -13,10 +13,11 @@ def test_free_memory_is_limited_by_the_system_and_the_container(tmp_path):
     assert machine.free_memory(info, group) == 4000 * 1024
     group.mkdir()
     (group / "memory.current").write_text("1000\n")
+    (group / "memory.stat").write_text("anon 300\ninactive_anon 5\ninactive_file 600\n")
     (group / "memory.max").write_text("max\n")
     assert machine.free_memory(info, group) == 4000 * 1024
     (group / "memory.max").write_text("3000\n")
-    assert machine.free_memory(info, group) == 2000
+    assert machine.free_memory(info, group) == 2600
     assert machine.free_memory(tmp_path / "none", tmp_path / "nothing") is None
 
 

@@ -89,8 +89,10 @@ def test_objects_of_unknown_doubt_come_first_and_then_the_most_doubtful(tmp_path
 def test_pages_hold_24_objects_and_older_pages_are_removed(tmp_path):
     tiles = [tile(f"t{number:02d}", 0.5) for number in range(SHEET_COLUMNS * SHEET_ROWS + 1)]
     assert [path.name for path in write_sheets(tmp_path, tiles)] == ["sheet_01.png", "sheet_02.png"]
+    for name in ("sheet_100.png", "sheet_of_mine.png"):
+        (tmp_path / name).touch()
     write_sheets(tmp_path, tiles[:3])
-    assert [path.name for path in tmp_path.glob("sheet_*")] == ["sheet_01.png"]
+    assert {path.name for path in tmp_path.glob("sheet_*")} == {"sheet_01.png", "sheet_of_mine.png"}
 
 
 def test_names_cannot_break_the_page(tmp_path):

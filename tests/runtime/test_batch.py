@@ -115,3 +115,11 @@ def test_a_result_that_cannot_be_written_ends_the_stage():
     with pytest.raises(WriteError), report.attempting("b"):
         raise WriteError("b", "no space")
     assert list(report.failed) == ["a"]
+
+
+def test_damaged_and_stale_parts_are_dropped_and_finished_ones_stay(tmp_path):
+    parts = items(tmp_path, ["a", "b", "c"])
+    run_batch("toy", parts, step, QUIET)
+    parts[0].target.write_text("{")
+    batch.drop_stale([*parts[:2], *items(tmp_path, ["c"], setting=2)], QUIET)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["b.json"]

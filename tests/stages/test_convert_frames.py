@@ -15,6 +15,7 @@ from pipelines.errors import StaleOutputError, SymgraspError
 from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.frames import find_frames
 from pipelines.frames.rgbd_folder import FrameOptions
+from pipelines.storage.provenance import make_stamp, write_sidecar
 from symgrasp_cli.app import app
 from tests.frames.layouts import build
 
@@ -79,8 +80,11 @@ def test_a_second_run_skips_and_other_settings_are_refused(pickled: Path, tmp_pa
     with pytest.raises(StaleOutputError):
         convert_frames.run(pickled, tmp_path / "out", TRUSTING, stated=FrameOptions(None, 0.9))
     (tmp_path / "mine").mkdir()
-    with pytest.raises(SymgraspError, match="no folder of convert-frames"):
-        convert_frames.run(pickled, tmp_path / "mine", TRUSTING, overwrite=True)
+    write_sidecar(tmp_path / "mine", make_stamp("export", {}))
+    for overwrite in (False, True):
+        with pytest.raises(SymgraspError, match="no output of convert-frames; choose another"):
+            convert_frames.run(pickled, tmp_path / "mine", TRUSTING, overwrite=overwrite)
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["provenance.json"]
 
 
 def test_a_real_pickle_of_python_2_is_converted_to_the_flat_frame(

@@ -256,6 +256,15 @@ def test_a_dataset_of_another_maker_is_reported_in_one_sentence(tmp_path):
         coco_instances.read_coco_frames(tmp_path, "train")
 
 
+@pytest.mark.parametrize("annotations", [[{"id": 1}], None, 3, [[1]]])
+def test_damaged_annotations_are_reported_in_one_sentence(annotations, tmp_path):
+    path = coco_instances.annotations_path(tmp_path, "train")
+    path.parent.mkdir()
+    path.write_text(json.dumps({"images": [], "annotations": annotations}))
+    with pytest.raises(FormatError, match="an image or annotation is not right"):
+        coco_instances.read_coco_frames(tmp_path, "train")
+
+
 def test_the_category_of_a_region_is_its_strongest_symmetry():
     plane, axis = ReflectionSymmetry(X, ORIGIN), RotationSymmetry(Z, ORIGIN)
     assert coco_instances.kind_of([plane, axis]) == "rotation"

@@ -104,3 +104,63 @@ def test_odd_measures_are_reported(tmp_path):
     assert "tip_reach is longer than the fingers" in report.notes["toy_hand"]
     with pytest.raises(SymgraspError, match="gripper"):
         gripper.run("no_such_preset", config)
+
+
+FLANGE = """<link name="flange"/><joint name="mount" type="fixed"><parent link="flange"/>
+  <child link="hand"/><origin xyz="0 0 0.01" rpy="0 0 {turn}"/></joint></robot>"""
+
+
+def test_fingers_may_open_at_either_limit(tmp_path):
+    # As of a WSG 50: one finger opens at its lower limit, the other one at its upper limit.
+    backwards = (
+        '<axis xyz="0 1 0"/><limit lower="0" upper="0.04"/></joint>',
+        '<axis xyz="0 -1 0"/><limit lower="-0.04" upper="0"/></joint>',
+    )
+    found = measured(tmp_path, URDF.replace(*backwards))
+    assert {key: getattr(found, key) for key in EXPECTED} == pytest.approx(EXPECTED, abs=1e-5)
+
+
+@pytest.mark.parametrize("turn", [0.0, np.pi / 2, -np.pi / 2, np.pi])
+def test_the_mounting_face_may_be_turned_about_the_approach(turn, tmp_path):
+    text = URDF.replace("</robot>", FLANGE.format(turn=turn))
+    found = measured(tmp_path, text, base_link="flange")
+    expected = EXPECTED | {"flange_to_tip": EXPECTED["flange_to_tip"] + 0.01}
+    assert {key: getattr(found, key) for key in EXPECTED} == pytest.approx(expected, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        URDF.replace("</robot>", FLANGE.format(turn=np.pi / 4)),
+        URDF.replace("</robot>", FLANGE.format(turn=0)).replace('"0 1 0"', '"0 0 0"'),
+    ],
+)
+def test_fingers_that_slide_along_no_axis_of_the_mounting_face_are_refused(text, tmp_path):
+    with pytest.raises(FormatError, match="slide askew to flange"):
+        measured(tmp_path, text, base_link="flange")
+
+
+def test_a_long_chain_of_links_is_read(tmp_path):
+    links = "".join(f'<link name="a{i}"/>' for i in range(900))
+    joints = "".join(
+        f'<joint name="j{i}" type="fixed"><parent link="{parent}"/><child link="a{i}"/></joint>'
+        for i, parent in enumerate(["hand", *(f"a{i}" for i in range(899))])
+    )
+    found = measured(tmp_path, URDF.replace("</robot>", f"{links}{joints}</robot>"))
+    assert found.max_opening == pytest.approx(0.08)
+
+
+@pytest.mark.parametrize(
+    ("files", "sentence"),
+    [
+        ({"output": "mine"}, "a file name that ends in .toml"),
+        ({"output": "mine.toml", "picture": "mine"}, "cannot be stored as a file"),
+        ({"picture": "mine.xyz"}, "cannot be stored as .xyz"),
+    ],
+)
+def test_other_names_of_the_output_are_refused_before_it_is_written(files, sentence, tmp_path):
+    (tmp_path / "g.urdf").write_text(URDF)
+    paths = {kind: tmp_path / name for kind, name in files.items()}
+    with pytest.raises(SymgraspError, match=sentence):
+        gripper.run(str(tmp_path / "g.urdf"), GripperConfig(), **paths)
+    assert [path.name for path in tmp_path.iterdir()] == ["g.urdf"]

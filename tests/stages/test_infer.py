@@ -222,6 +222,24 @@ def test_shards_of_other_settings_are_made_again(frames, tmp_path):
     assert run(frames, output).done == ["a", "b", "c"]
 
 
+def test_damaged_shards_are_made_again(frames, tmp_path):
+    whole, output = tmp_path / "whole.h5", tmp_path / "g.h5"
+    run(frames, whole)
+    shards = [grasps_file.shard_path(output, name) for name in "ab"]
+    shards[0].parent.mkdir()
+    for shard, result in zip(shards, read_whole(whole).results, strict=False):
+        grasps_file.write(shard, [result], make_stamp("infer", {}))
+        shard.write_bytes(shard.read_bytes()[:3000])
+    assert run(frames, output).done == ["a", "b", "c"]
+    assert output.read_bytes() == whole.read_bytes()
+
+
+@pytest.mark.parametrize("name", ["grasps", "grasps.h5"])
+def test_a_second_run_finds_the_output_of_any_accepted_name(frames, tmp_path, name):
+    assert run(frames, tmp_path / name).done == ["a", "b", "c"]
+    assert run(frames, tmp_path / name).skipped == ["a", "b", "c"]
+
+
 def test_a_bad_frame_fails_alone_with_a_sentence(tmp_path):
     folder = tmp_path / "frames"
     write_frame(folder, "good", SHAPES["a"])

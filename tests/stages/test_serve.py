@@ -180,6 +180,12 @@ def test_a_port_in_use_is_reported_in_one_sentence():
         serve.listening(ServeConfig(host="no.invalid"))
 
 
+@pytest.mark.parametrize("host", [".local", "a..b", 64 * "a"])
+def test_a_text_that_is_no_name_of_a_host_is_reported_in_one_sentence(host):
+    with pytest.raises(SymgraspError, match=r"\(this is no name of a host\); choose another"):
+        serve.listening(ServeConfig(host=host))
+
+
 def test_addresses_that_the_machine_lacks_are_left_out(monkeypatch):
     """Some hosts name an IPv6 address for `localhost` and have no IPv6."""
     kind = socket.SOCK_STREAM, 6, ""

@@ -64,7 +64,7 @@ def test_a_box_that_is_given_is_drawn_instead_and_frames_may_be_printed(tmp_path
 
 def test_a_folder_with_other_content_is_not_replaced(tmp_path):
     (tmp_path / "mine.txt").write_text("x")
-    with pytest.raises(SymgraspError, match="choose another --out"):
+    with pytest.raises(SymgraspError, match="no output of workspace; choose another"):
         workspace.run(FRAMES, tmp_path, ONE)
 
 

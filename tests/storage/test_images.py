@@ -41,3 +41,13 @@ def test_a_png_of_more_pixels_than_any_camera_has_is_refused_before_it_unpacks(
     (tmp_path / "x.png").write_bytes(body)
     with pytest.raises(FormatError, match=f"900000000 pixels; at most {MAX_PIXELS}"):
         read_image(tmp_path / "x.png")
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_zeros_after_the_end_of_a_picture_are_passed_over(tmp_path: Path, suffix: str) -> None:
+    data = cv2.imencode(suffix, np.full((40, 51), 7, np.uint8))[1].tobytes()
+    (tmp_path / "a").write_bytes(data + bytes(512))
+    assert (read_image(tmp_path / "a") == 7).all()
+    (tmp_path / "a").write_bytes(data[:-12])
+    with pytest.raises(FormatError, match="is cut off"):
+        read_image(tmp_path / "a")

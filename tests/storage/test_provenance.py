@@ -8,7 +8,7 @@ import pytest
 from safetensors.numpy import save_file
 
 from pipelines.configs import RefineGraspsConfig
-from pipelines.errors import StaleOutputError
+from pipelines.errors import StaleOutputError, SymgraspError
 from pipelines.pictures.grasp_page.page import index_page
 from pipelines.storage.files import write_json
 from pipelines.storage.provenance import (
@@ -17,6 +17,7 @@ from pipelines.storage.provenance import (
     is_finished,
     make_stamp,
     read_stamp,
+    refuse_foreign,
     write_sidecar,
 )
 
@@ -49,7 +50,9 @@ WRITERS = {
     "a.safetensors": lambda path: save_file(
         {"w": np.zeros(1)}, path, {"provenance": STAMP.as_text()}
     ),
+    "h5": write_h5,
     "folder": write_folder,
+    **{f"folder{suffix}": write_folder for suffix in (".json", ".h5", ".html", ".safetensors")},
     "a.npz": write_plain,
 }
 
@@ -62,6 +65,15 @@ def test_every_kind_of_output_carries_its_stamp(tmp_path, name):
     assert read_stamp(target) == STAMP.as_json()
     assert is_finished(target, STAMP)
     assert not is_finished(target, STAMP, overwrite=True)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_an_output_of_another_stage_is_not_overwritten(tmp_path, name):
+    refuse_foreign(tmp_path / name, STAMP.stage)
+    WRITERS[name](tmp_path / name)
+    refuse_foreign(tmp_path / name, STAMP.stage)
+    with pytest.raises(SymgraspError, match="no output of export; choose another"):
+        refuse_foreign(tmp_path / name, "export")
 
 
 @pytest.mark.parametrize("name", WRITERS)

@@ -59,12 +59,13 @@ def read_sdf(path: Path) -> SignedDistanceGrid:
     if len(numbers) < HEADER_NUMBERS:
         found = f"only {len(numbers)} numbers"
         raise FormatError(path, found, "nx ny nz, origin, spacing and values are expected")
-    if not (np.abs(numbers[:HEADER_NUMBERS]) < LARGEST).all():
+    shape, spacing = tuple(int(n) for n in numbers[:3] if 1 <= n < LARGEST), numbers[6]
+    is_placed = (np.abs(numbers[3:HEADER_NUMBERS]) < LARGEST).all() and spacing > 0
+    if len(shape) < 3 or not is_placed:
         raise FormatError(path, "a header without a size", "nx ny nz, origin, spacing")
-    shape = tuple(int(n) for n in numbers[:3])
     values = numbers[HEADER_NUMBERS:]
     if len(values) != np.prod(shape):
         raise FormatError(path, f"{len(values)} values", f"a grid of {shape} has {np.prod(shape)}")
-    return SignedDistanceGrid(
-        values.reshape(shape, order="F"), numbers[3:6].copy(), float(numbers[6])
-    )
+    if not np.isfinite(values).all():
+        raise FormatError(path, "distances that are not finite", "metres are expected")
+    return SignedDistanceGrid(values.reshape(shape, order="F"), numbers[3:6].copy(), float(spacing))

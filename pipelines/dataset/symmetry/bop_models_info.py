@@ -155,13 +155,15 @@ def _meeting_point(axes: Sequence[tuple[Array, Array]]) -> Array:
 
 def _info(path: Path, key: str, entry: Mapping[str, Any]) -> ModelInfo:
     with reading(path, f"object {key}", "4x4 transforms, and axis with offset"):
-        size = entry.get("diameter")
+        size = None if entry.get("diameter") is None else float(entry["diameter"])
+        if size is not None and not 0 < size < np.inf:
+            raise ValueError(f"its diameter is {size:g}")
         discrete = tuple(_rigid(values) for values in entry.get("symmetries_discrete", []))
         continuous = tuple(
             (_unit_axis(each["axis"]), np.asarray(each["offset"], np.float64).reshape(3))
             for each in entry.get("symmetries_continuous", [])
         )
-        return ModelInfo(None if size is None else float(size), discrete, continuous)
+        return ModelInfo(size, discrete, continuous)
 
 
 def _rigid(values: Any) -> Array:  # noqa: ANN401 - JSON

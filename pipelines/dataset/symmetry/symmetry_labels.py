@@ -82,7 +82,7 @@ def read(path: Path) -> ObjectSymmetries:
             name=str(content.get("object", path.stem)),
             symmetries=symmetries_from_json(path, content["symmetries"]),
             regions=tuple(_region(path, region) for region in content.get("regions", [])),
-            doubt=doubt if isinstance(doubt, float | int) else None,
+            doubt=doubt if isinstance(doubt, float | int) and np.isfinite(doubt) else None,
             rejected=symmetries_from_json(path, content.get("rejected", [])),
             sources=_sources(content["symmetries"]),
             found=None if found is None else symmetries_from_json(path, found),
@@ -143,6 +143,8 @@ def triangles_from_json(path: Path, content: Any) -> Indices:  # noqa: ANN401 - 
 
 def _symmetry(entry: Mapping[str, Any]) -> Symmetry:
     error = float(entry.get("error", 0.0))
+    if not np.isfinite(error):  # which JSON cannot hold
+        raise ValueRangeError("error", error, "a finite number")
     match entry["kind"]:
         case "reflection":
             return ReflectionSymmetry(entry["normal"], entry["point"], error)

@@ -19,6 +19,7 @@ import numpy as np
 from pycocotools import mask as coco_mask
 
 from pipelines.array_types import Mask
+from pipelines.contents import reading
 from pipelines.dataset.graspnet.graspnet_layout import FrameFiles, scene_name
 from pipelines.dataset.symmetry.symmetry_labels import symmetry_to_json
 from pipelines.errors import FormatError
@@ -172,9 +173,9 @@ def read_coco_frames(folder: Path, split: str) -> list[CocoFrame]:
     path = annotations_path(folder, split)
     images, annotations = read_entries(path)
     of_image: dict[int, list[Entry]] = {}
-    for annotation in annotations:
-        of_image.setdefault(annotation["image_id"], []).append(annotation)
-    try:
+    with reading(path, "an image or annotation", "entries of `export-coco` are expected"):
+        for annotation in annotations:
+            of_image.setdefault(annotation["image_id"], []).append(annotation)
         return [
             CocoFrame(
                 FrameFiles(
@@ -187,7 +188,3 @@ def read_coco_frames(folder: Path, split: str) -> list[CocoFrame]:
             )
             for image in images
         ]
-    except (KeyError, TypeError, ValueError) as error:
-        raise FormatError(
-            path, f"an image lacks {error}", "scene_id, camera and frame_id of `export-coco`"
-        ) from error

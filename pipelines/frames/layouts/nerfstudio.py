@@ -35,7 +35,7 @@ def _find(folder: Path, options: FrameOptions) -> Iterator[FoundFrame]:
     times = Counter(stems)
     for frame, stem in zip(frames, stems, strict=True):
         color, depth = (folder / frame[key] for key in ("file_path", "depth_file_path"))
-        name = stem if times[stem] == 1 else str(Path(frame["file_path"]).with_suffix(""))
+        name = stem if times[stem] == 1 else str(Path(frame["file_path"]).parent / stem)
         camera = {key: frame.get(key, content.get(key)) for key in CAMERA_KEYS}
         camera["camera_model"] = content.get("camera_model", "OPENCV")
         read = functools.partial(_read, color, depth, index, camera, options)

@@ -22,6 +22,8 @@ from pipelines.frames.rgbd_folder import FrameOptions
 GREY = 128
 LARGEST_MISFIT = 0.5  # pixels between a point's projection and its place in the grid
 FEWEST_POINTS = 100
+NO_PINHOLE = "its points are not those of a pinhole camera, pixel by pixel"
+SAVED_SO = "save the organised cloud in the camera frame, not turned"
 
 
 def _find(folder: Path, options: FrameOptions) -> Iterator[FoundFrame]:
@@ -44,15 +46,18 @@ def fit_camera(path: Path, points: Array) -> CameraFile:
         raise FormatError(path, found, f"at least {FEWEST_POINTS} are needed; measure again")
     x, y, z = points[seen].T
     lengths, misfits = [], []
-    for pixels, slopes in ((columns, x / z), (rows, y / z)):
+    with np.errstate(over="ignore"):  # infinite slopes are in no pixel
+        both = (columns, x / z), (rows, y / z)
+    if not np.isfinite([slopes for _pixels, slopes in both]).all():
+        raise FormatError(path, NO_PINHOLE, SAVED_SO)
+    for pixels, slopes in both:
         system = np.column_stack([slopes, np.ones(len(slopes))])
         solution = np.linalg.lstsq(system, pixels.astype(np.float64), rcond=None)[0]
         lengths.append(solution)
         misfits.append(float(np.abs(system @ solution - pixels).max()))
     (fx, cx), (fy, cy) = lengths
     if not (max(misfits) <= LARGEST_MISFIT and min(fx, fy) > 0):
-        found = "its points are not those of a pinhole camera, pixel by pixel"
-        raise FormatError(path, found, "save the organised cloud in the camera frame, not turned")
+        raise FormatError(path, NO_PINHOLE, SAVED_SO)
     return CameraFile(float(fx), float(fy), float(cx), float(cy), width, height, origin=str(path))
 
 

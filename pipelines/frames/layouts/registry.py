@@ -1,7 +1,8 @@
 """All layouts of RGB-D frames, most specific first: the first layout that finds frames counts."""
 
 import functools
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Container
 from dataclasses import replace
 from pathlib import Path
 
@@ -58,15 +59,22 @@ def _found(
         found = list(layout.find(folder, options))
     except SymgraspError as error:
         found = [FoundFrame("", functools.partial(refuse, error), ())]
-    sources = []
+    sources, taken = [], set[str]()
     for each in found:
-        name = frame_name(folder, prefix, each.stem)
         files = tuple(path for path in each.files if path is not None)
         # Hidden files, which other systems leave next to their files, are skipped.
         if not any(path.name.startswith(".") for path in files):
+            name = _unused(frame_name(folder, prefix, each.stem), taken)
+            taken.add(name)
             read = functools.partial(_named, name, each.read)
             sources.append(FrameSource(name, read, files, each.layout or layout.name))
     return sources
+
+
+def _unused(name: str, taken: Container[str]) -> str:
+    """Return `name`, with a number if it is `taken`: frames of one name would be one result."""
+    numbered = (f"{name}-{number}" for number in itertools.count(2))
+    return next(each for each in itertools.chain([name], numbered) if each not in taken)
 
 
 def _named(name: str, read: Callable[[], Frame]) -> Frame:

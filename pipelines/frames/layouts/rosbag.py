@@ -6,8 +6,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.camera_search import where_a_camera_may_be
 from pipelines.frames.encodings.ros_bags import (
@@ -21,7 +19,7 @@ from pipelines.frames.encodings.ros_bags import (
 )
 from pipelines.frames.layouts.layout import FoundFrame, Layout, refuse
 from pipelines.frames.layouts.tum import associate
-from pipelines.frames.rgbd import Frame, make_frame
+from pipelines.frames.rgbd import Frame, as_color, make_frame
 from pipelines.frames.rgbd_folder import FrameOptions
 
 ROS_2_FILES = ("*.db3", "*.mcap")
@@ -107,7 +105,7 @@ def _read(
         raise FormatError(bag, found, where_a_camera_may_be(bag))
     if not topics.is_aligned:
         notes = (f"{topics.depth} is not called aligned: record aligned_depth_to_color", *notes)
-    image = (bag, lambda: color.astype(np.uint8, copy=False))
+    image = (bag, functools.partial(as_color, bag, color))
     return make_frame(image, (bag, depth), camera, options.depth_units(), notes)
 
 

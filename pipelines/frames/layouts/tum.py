@@ -1,9 +1,12 @@
 """TUM RGB-D: colour and depth images of other times, paired by time; metres = value / 5000."""
 
 import functools
+import math
 import re
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import TypeVar
 
@@ -53,25 +56,39 @@ def _find(folder: Path, options: FrameOptions) -> Iterator[FoundFrame]:
 def associate(
     colors: list[tuple[float, Timed]], depths: list[tuple[float, Timed]]
 ) -> list[tuple[Timed, Timed]]:
-    """Pair images whose times are nearest, each used once and at most 0.02 s apart."""
-    near: list[tuple[float, tuple[float, Timed], tuple[float, Timed]]] = []
-    depths, first = sorted(depths), 0
-    for color in sorted(colors):
-        while first < len(depths) and depths[first][0] < color[0] - LARGEST_GAP:
+    """Pair images whose times are nearest, each used once and at most 0.02 s apart.
+
+    Images of one time, as of a camera without a clock, are paired in their order.
+    """
+    left = [_by_time(images) for images in (colors, depths)]
+    pairs: list[tuple[float, Timed, Timed]] = []
+    for _gap, *times in sorted(_near(*(sorted(each) for each in left))):
+        color_images, depth_images = (each[time] for each, time in zip(left, times, strict=True))
+        count = min(len(color_images), len(depth_images))
+        both = zip(color_images[:count], depth_images[:count], strict=True)
+        pairs += [(times[0], color, depth) for color, depth in both]
+        del color_images[:count], depth_images[:count]
+    return [(color, depth) for _time, color, depth in sorted(pairs)]
+
+
+def _by_time(images: list[tuple[float, Timed]]) -> dict[float, list[Timed]]:
+    """Return the images of each time, in order."""
+    found: dict[float, list[Timed]] = defaultdict(list)
+    for time, image in sorted(images):
+        found[time].append(image)
+    return found
+
+
+def _near(colors: list[float], depths: list[float]) -> Iterator[tuple[float, float, float]]:
+    """Yield the gap and both times of all pairs of times that are near; both lists ascend."""
+    first = 0
+    for color in colors:
+        while first < len(depths) and depths[first] < color - LARGEST_GAP:
             first += 1
-        for depth in depths[first:]:
-            if depth[0] > color[0] + LARGEST_GAP:
+        for depth in islice(depths, first, None):
+            if depth > color + LARGEST_GAP:
                 break
-            near.append((abs(depth[0] - color[0]), color, depth))
-    used_colors: set[tuple[float, Timed]] = set()
-    used_depths: set[tuple[float, Timed]] = set()
-    pairs = []
-    for _gap, color, depth in sorted(near):
-        if color not in used_colors and depth not in used_depths:
-            used_colors.add(color)
-            used_depths.add(depth)
-            pairs.append((color, depth))
-    return [(color[1], depth[1]) for color, depth in sorted(pairs)]
+            yield abs(depth - color), color, depth
 
 
 def _listed(folder: Path, index: Path) -> Stamped:
@@ -100,9 +117,12 @@ def _lines(index: Path, fields: int) -> list[list[str]]:
 
 def _time(index: Path, text: str) -> float:
     try:
-        return float(text)
-    except ValueError as error:
-        raise FormatError(index, f"has the time {text!r}", "seconds are expected") from error
+        time = float(text)
+    except ValueError:
+        time = math.nan
+    if not math.isfinite(time):
+        raise FormatError(index, f"has the time {text!r}", "seconds are expected")
+    return time
 
 
 def _published(folder: Path) -> CameraFile | None:

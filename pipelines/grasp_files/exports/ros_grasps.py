@@ -15,9 +15,9 @@ from pipelines.storage.files import write_json
 
 FORMAT_VERSION = 2
 # Unix times of 2001 or later in frames' names: seconds with decimals (TUM), milli-, micro- or
-# nanoseconds.
-SECONDS = re.compile(r"(?<!\d)(\d{10})\.(\d{1,9})(?!\d)")
-WHOLE = re.compile(r"(?<!\d)(\d{13}|\d{16}|\d{19})(?!\d)")
+# nanoseconds (bags), after zeros.
+SECONDS = re.compile(r"(?<!\d)0*([1-9]\d{9})\.(\d{1,9})(?!\d)")
+WHOLE = re.compile(r"(?<!\d)0*([1-9]\d{12}|[1-9]\d{15}|[1-9]\d{18})(?!\d)")
 
 
 def write_frame(path: Path, frame: FrameGrasps, header: ExportHeader) -> None:

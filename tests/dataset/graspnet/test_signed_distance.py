@@ -31,6 +31,9 @@ def test_a_grid_is_written_with_x_fastest_and_read_again(tmp_path: Path) -> None
         "not a grid",
         "inf 2 2\n0 0 0\n1\n1",
         "nan 0 0\n0 0 0\n1",
+        "-1 -1 1\n0 0 0\n1\n5",
+        "1 1 1\n0 0 0\n0\n5",
+        "1 1 1\n0 0 0\n1\nnan",
     ],
 )
 def test_a_damaged_grid_is_reported_in_one_sentence(tmp_path: Path, text: str) -> None:

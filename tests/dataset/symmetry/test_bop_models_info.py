@@ -158,6 +158,8 @@ def test_names_without_numbers_are_numbered_and_kept(tmp_path):
         {"symmetries_continuous": [{"axis": [0, 0, 1]}]},
         {"symmetries_continuous": [{"axis": [0, 0, 0], "offset": [0, 0, 0]}]},
         {"diameter": "large"},
+        {"diameter": 0},
+        {"diameter": float("inf")},
     ],
 )
 def test_a_wrong_entry_is_reported_in_one_sentence(tmp_path, entry):

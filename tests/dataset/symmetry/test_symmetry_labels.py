@@ -85,6 +85,7 @@ def test_a_label_file_comes_back_and_is_stamped(tmp_path: Path) -> None:
         {"symmetries": [{"kind": "reflection", "point": [0, 0, 0]}]},
         {"symmetries": [{"kind": "reflection", "normal": [0, 0, 0], "point": [0, 0, 0]}]},
         {"symmetries": [{"kind": "sphere", "point": [0, 0]}]},
+        {"symmetries": [{"kind": "sphere", "point": [0, 0, 0], "error": float("nan")}]},
         {"symmetries": [], "regions": [{"name": "a"}]},
         {"symmetries": [], "regions": [{"triangles": [1.5]}]},
         {"symmetries": [], "regions": [{"triangles": [-1]}]},
@@ -152,3 +153,9 @@ def test_a_bad_file_of_regions_is_reported_in_one_sentence(
         regions.read(path, mesh)
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
+
+
+def test_a_doubt_that_is_no_number_is_unknown(tmp_path):
+    for text in ("NaN", "Infinity", '"large"', "null"):
+        (tmp_path / "a.json").write_text(f'{{"symmetries": [], "doubt": {text}}}')
+        assert symmetry_labels.read(tmp_path / "a.json").doubt is None

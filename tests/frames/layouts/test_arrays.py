@@ -1,6 +1,8 @@
 """Arrays in one `.npz`: their keys, the order of colours, and refused pickles."""
 
+import pickle
 import re
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +10,7 @@ import pytest
 
 from pipelines.errors import FormatError
 from pipelines.frames.frames import find_frames
+from pipelines.frames.rgbd_folder import FrameOptions
 from tests.frames.layouts import build
 
 METRES = build.depth(0).astype(np.float32) / 1000
@@ -85,3 +88,19 @@ def test_a_damaged_archive_fails_alone_by_name_and_hides_no_images(tmp_path: Pat
     (tmp_path / "x.npz").unlink()
     build.flat(tmp_path)
     assert [source.name for source in find_frames(tmp_path)] == ["0", "1"]
+
+
+def test_trusted_pickles_of_one_name_are_two_frames(tmp_path: Path) -> None:
+    content = {"depth": METRES, "K": build.K}
+    np.save(tmp_path / "a.npy", content, allow_pickle=True)
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps(content))
+    sources = find_frames(tmp_path, FrameOptions(trust_pickles=True))
+    assert [source.name for source in sources] == ["a", "a-2"]
+
+
+def test_a_member_that_is_no_array_is_reported_in_one_sentence(tmp_path: Path) -> None:
+    np.savez(tmp_path / "x.npz", K=build.K)
+    with zipfile.ZipFile(tmp_path / "x.npz", "a") as archive:
+        archive.writestr("depth", b"metres")
+    with pytest.raises(FormatError, match="`depth` is no array"):
+        find_frames(tmp_path)[0].read()

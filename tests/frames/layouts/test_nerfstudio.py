@@ -54,3 +54,12 @@ def test_images_of_the_same_name_are_distinguished_by_their_folder(edit) -> None
 
     names = [source.name for source in find_frames(edit(elsewhere))]
     assert names == ["left/1", "images/1"]
+
+
+def test_frames_of_one_damaged_name_are_two_frames(edit) -> None:
+    def nameless(content: dict[str, Any]) -> None:
+        for frame in content["frames"]:
+            frame["file_path"] = "/"
+
+    folder = edit(nameless)
+    assert [s.name for s in find_frames(folder)] == [folder.name, f"{folder.name}-2"]

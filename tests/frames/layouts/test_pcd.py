@@ -51,6 +51,13 @@ def test_a_turned_cloud_is_refused(tmp_path: Path) -> None:
     assert "pinhole" in refusal(tmp_path / "x.pcd")
 
 
+def test_a_point_of_infinite_slope_is_refused() -> None:
+    points = Intrinsics(60.0, 60.0, 24.0, 18.0, 48, 36).backproject(np.ones((36, 48)))
+    points[3, 4] = 1e300, 0.0, 1e-300
+    with pytest.raises(FormatError, match="pinhole"):
+        fit_camera(Path("x.pcd"), points)
+
+
 def test_a_list_of_points_is_refused(tmp_path: Path) -> None:
     write(tmp_path / "x.pcd", build.cloud(0), WIDTH=str(48 * 36), HEIGHT="1")
     assert "organised" in refusal(tmp_path / "x.pcd")

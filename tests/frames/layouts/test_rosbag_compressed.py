@@ -75,6 +75,14 @@ def test_jpeg_colour_is_read(tmp_path: Path) -> None:
     assert abs(frame.color.mean() - build.color(0).mean()) < 5.0
 
 
+def test_colour_of_sixteen_bits_is_refused(tmp_path: Path) -> None:
+    topics = TOPICS | {"color": TOPICS["color"] + "/compressed"}
+    how = {"color": ("rgb16; png compressed ", lambda image: png(image.astype(np.uint16) * 257))}
+    write_bag(tmp_path / "a", topics=topics, packed=how)
+    with pytest.raises(FormatError, match="colour image of uint16; 8 bit is expected"):
+        find_frames(tmp_path)[0].read()
+
+
 def test_compressed_depth_of_floats_is_inverse(tmp_path: Path) -> None:
     how = {"depth": ("32FC1; compressedDepth png", inverse_depth)}
     write_bag(tmp_path / "a", depth="32FC1", topics=TOPICS | {"depth": DEPTH_TOPIC}, packed=how)

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pipelines.errors import FormatError, SymgraspError
@@ -28,6 +29,33 @@ def test_many_images_are_paired_in_order() -> None:
     times = [i / 30 for i in range(3000)]
     pairs = associate(at(*times), at(*[time + 0.004 for time in reversed(times)]))
     assert [color for color, _depth in pairs] == [Path(f"{time}") for time in times]
+
+
+def test_images_of_one_time_are_paired_in_order_without_comparing_all() -> None:
+    count = 20_000
+    zero = [(0.0, number) for number in range(count)]
+    assert associate(zero, zero[: count // 2]) == [(i, i) for i in range(count // 2)]
+
+
+def test_each_time_takes_the_nearest_images_that_are_left() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        colors, depths = (
+            [(time, i) for i, time in enumerate(np.round(rng.uniform(0, 0.1, 12), 2).tolist())]
+            for _ in range(2)
+        )
+        assert associate(colors, depths) == naive_association(colors, depths)
+
+
+def naive_association(colors, depths):
+    """Pair all images by all gaps, one by one."""
+    gaps = sorted((abs(d[0] - c[0]), c, d) for c in colors for d in depths)
+    pairs = []
+    for gap, color, depth in gaps:
+        is_free = all(color != c and depth != d for c, d in pairs)
+        if is_free and color[0] - 0.02 <= depth[0] <= color[0] + 0.02 and gap >= 0:
+            pairs.append((color, depth))
+    return [(color[1], depth[1]) for color, depth in sorted(pairs)]
 
 
 def test_an_association_file_decides_on_pairs_in_either_order(tmp_path: Path) -> None:
@@ -61,7 +89,7 @@ def test_a_sequence_without_a_camera_is_refused_with_the_option_for_it(tmp_path:
         find_frames(tmp_path)[0].read()
 
 
-@pytest.mark.parametrize("line", ["1.0", "yesterday rgb/1.png", "1.0 a b c d"])
+@pytest.mark.parametrize("line", ["1.0", "yesterday rgb/1.png", "nan rgb/1.png", "1.0 a b c d"])
 def test_a_broken_index_is_reported_in_one_sentence_and_stops_no_other_folder(
     tmp_path: Path, line: str
 ) -> None:

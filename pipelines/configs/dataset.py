@@ -32,6 +32,7 @@ FAMILY_SETS = (
     "sealed, as wide with 12 other novel families."
 )
 FRAME_STRIDE = "Take every n-th frame of a scene."
+MAX_LABEL_POINTS = 100_000  # of an object's grasp label; GraspNet's have up to 3,500
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,11 @@ class LabelConfig:
     """Grasp labels by sample-and-validate, on GraspNet's grid."""
 
     num_points: int = count(
-        64, "Grasp points of an object; 0 for none (label-grasps: by area).", BY_EYE, low=0
+        64,
+        "Grasp points of an object; 0 for none (label-grasps: by area).",
+        BY_EYE,
+        low=0,
+        high=MAX_LABEL_POINTS,
     )
     num_views: int = count(300, "Approach directions of a point.", GRASPNET)
     num_angles: int = count(12, "Approach angles of each direction.", GRASPNET)
@@ -64,8 +69,8 @@ class LabelGraspsConfig:
 
     labels: LabelConfig = field(default_factory=lambda: LabelConfig(num_points=0))  # 0: by area
     point_area: float = setting(32e-6, "m2", "Surface area per grasp point.", "D. 39", low=1e-9)
-    min_points: int = count(64, "Fewest grasp points of an object.", "D. 39")
-    max_points: int = count(3500, "Most grasp points of an object.", "D. 39")
+    min_points: int = count(64, "Fewest grasp points of an object.", "D. 39", high=MAX_LABEL_POINTS)
+    max_points: int = count(3500, "Most grasp points of an object.", "D. 39", high=MAX_LABEL_POINTS)
 
 
 @dataclass(frozen=True)

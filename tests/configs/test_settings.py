@@ -13,6 +13,7 @@ import pytest
 from pipelines.configs import (
     FeasibilityConfig,
     InferConfig,
+    LabelGraspsConfig,
     SelectionConfig,
     SymmetryConfig,
     check_settings,
@@ -131,6 +132,12 @@ def test_a_wrong_type_or_a_number_out_of_range_is_refused_with_the_allowed_value
 ):
     with pytest.raises(SettingError, match=expected):
         from_settings(InferConfig, settings)
+
+
+@pytest.mark.parametrize("name", ["labels.num_points", "min_points", "max_points"])
+def test_no_more_label_points_are_made_than_are_read(name):
+    with pytest.raises(SettingError, match=r"1000001; .* to 100000"):
+        changed_by_text(LabelGraspsConfig(), name, "1000001")
 
 
 def test_an_unknown_choice_lists_the_known_ones():

@@ -20,11 +20,11 @@ from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
 from pipelines.array_types import Singles
+from pipelines.configs.dataset import MAX_LABEL_POINTS
 from pipelines.dataset.graspnet.graspnet_labels import LABEL_ARRAYS, LABEL_GRID, GraspLabel
 from pipelines.errors import FormatError
 from pipelines.storage.files import existing
 
-MAX_POINTS = 100_000  # of an object; GraspNet's have up to 3,500
 MAX_DEFLATE_RATIO = 1040  # deflate packs at most 1032 bytes into one
 READ_BYTES = 2**18  # per read: only small reads unpack a zip member in linear time
 KINDS = {"points": "f", "offsets": "f", "collision": "bui", "scores": "f"}  # numpy's dtype kinds
@@ -56,7 +56,7 @@ class _Member:
 
 def read_grasp_label(path: Path) -> GraspLabel:
     """Read a whole label; 17 bytes for each of its P * 14400 candidates."""
-    whole = next(grasp_label_pieces(path, MAX_POINTS), None)
+    whole = next(grasp_label_pieces(path, MAX_LABEL_POINTS), None)
     if whole is None:
         raise FormatError(path, "holds no grasp points", "label the object again")
     return whole
@@ -148,8 +148,8 @@ def _member(path: Path, name: str, stream: IO[bytes], declared: int) -> _Member:
 def _check_points(path: Path, shape: tuple[int, ...]) -> None:
     if len(shape) != 2 or shape[1] != 3:
         raise FormatError(path, f"points of shape {shape}", "(P, 3) is expected")
-    if shape[0] > MAX_POINTS:
-        raise FormatError(path, f"{shape[0]} points", f"at most {MAX_POINTS} are read")
+    if shape[0] > MAX_LABEL_POINTS:
+        raise FormatError(path, f"{shape[0]} points", f"at most {MAX_LABEL_POINTS} are read")
 
 
 def _refuse_bomb(path: Path, info: zipfile.ZipInfo) -> None:

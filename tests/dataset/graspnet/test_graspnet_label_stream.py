@@ -97,7 +97,7 @@ def test_an_object_without_grasp_points_has_no_pieces(tmp_path: Path) -> None:
         ({"collision": np.zeros((2, *LABEL_GRID), np.float32)}, "collision is of type float32"),
         ({"scores": np.asfortranarray(np.zeros((2, *LABEL_GRID), np.float32))}, "Fortran"),
         ({"points": np.array([[None] * 3] * 2, object)}, "pickles are never read"),
-        ({"points": np.zeros((stream.MAX_POINTS + 1, 3), np.float32)}, "at most 100000"),
+        ({"points": np.zeros((stream.MAX_LABEL_POINTS + 1, 3), np.float32)}, "at most 100000"),
     ],
 )
 def test_wrong_arrays_are_reported_in_one_sentence(

@@ -1,6 +1,6 @@
 """Grasps of a camera, frame by frame: prints the best grasp of each frame.
 
-    pip install symgrasp pyrealsense2
+    pip install pyrealsense2
     python camera_loop.py --gripper franka
 
 `realsense_frames` is one source of frames. Any other iterator of `CameraFrame` can replace it.

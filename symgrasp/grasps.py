@@ -73,7 +73,8 @@ class Grasps:
         translation: (n, 3) float32, midpoint of the two contacts.
         width: (n,) float32, distance of the contacts.
         contacts: (n, 2, 3) float32, the two contacts.
-        affordance: (n,) float32 predicted at the first contact, 0 to 1.
+        affordance: (n,) float32 predicted at the first contact, 0 to 1; 0 if `source` is not
+            `network`.
         symmetry_slot: (n,) int32 slot of the symmetry that gave the second contact; -1
             without a symmetry.
         source: (n,) str `network`, `planar`, `random` for the random baseline, or the name of a

@@ -66,7 +66,7 @@ def evaluate(
         bool,
         typer.Option(
             "--baselines",
-            help="Also plan on the same regions with ground truth, from the boundary, at random.",
+            help="Also score oracle, planar-critic, planar and random on the same regions.",
         ),
     ] = False,
     success: Success = None,

@@ -30,7 +30,7 @@ def simulate(
         bool,
         typer.Option(
             "--baselines",
-            help="Also try the rows of `evaluate --baselines`: ground truth, boundary, chance.",
+            help="Also try oracle, planar-critic, planar and random on the same regions.",
         ),
     ] = False,
     options: Batch,

@@ -128,6 +128,7 @@ def _docstring(value: Any) -> str:  # noqa: ANN401
         elif inside and (entry := re.fullmatch(r"    (\*{0,2}\w+): (.*)", line)):
             lines.append(f"* `{entry[1]}`: {entry[2]}")
         else:
+            inside = inside and (not line or line.startswith("    "))
             lines.append(line[4:] if inside else line)
     return "\n".join(lines)
 

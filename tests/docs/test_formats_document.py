@@ -20,11 +20,20 @@ from pipelines.dataset.graspnet.graspnet_labels import (
 from pipelines.dataset.graspnet.graspnet_layout import FrameFiles
 from pipelines.dataset.symmetry import symmetry_labels
 from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries
-from pipelines.dataset.training import affordance_labels, coco_instances, packed_regions
+from pipelines.dataset.training import (
+    affordance_labels,
+    coco_instances,
+    detector_frames,
+    packed_regions,
+)
 from pipelines.dataset.training.affordance_labels import AffordanceLabels
 from pipelines.dataset.training.packed_regions import PackedScene
+from pipelines.evaluation.figures import split_figures
 from pipelines.evaluation.graspnet.dump_verdicts import FrameVerdicts, write_dump_verdicts
 from pipelines.evaluation.reports import write_report
+from pipelines.evaluation.tallies import PredictionTally, RowTally
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.region_masks import RegionInstance
 from pipelines.geometry.symmetry import ObjectRegion, ReflectionSymmetry, RotationSymmetry
 from pipelines.grasp_files import grasps_file
@@ -33,10 +42,13 @@ from pipelines.inference.models import WEIGHTS
 from pipelines.learning.critics import critic_rows
 from pipelines.learning.critics.critic_rows import CriticRows
 from pipelines.learning.critics.kinds import CRITIC_KINDS
+from pipelines.metrics.grasp_verdicts import REASONS
 from pipelines.pictures.grasp_page.scene import frame_scene
 from pipelines.simulation.success import write_success
+from pipelines.simulation.trial import TRIAL_OUTCOMES as TRIAL_REASONS
 from pipelines.storage.provenance import make_stamp
 from pipelines.storage.weights_manifest import manifest_path
+from pipelines.tabletop.depth_channels import SmallFrame
 from tests.pictures.grasp_page.toys import toy_frame, toy_result
 from tests.stages.test_compare import write_run
 
@@ -48,10 +60,12 @@ TYPES = {
     "f8": "<f8",
     "i4": "<i4",
     "i8": "<i8",
+    "u1": "|u1",
+    "u2": "<u2",
     "u4": "<u4",
     "bool": "|b1",
 }
-LINE = re.compile(r"^( *)\* ((?:`\w+`(?:, )?)+)(?: \(([^)]*)\))?(?: (\w+))?(?: \[(\w+)\])?")
+LINE = re.compile(r"^( *)\* ((?:`\w+`(?:, )?)+)(?: \(([^)]*)\))?(?: (\w+))?(?: \[([\w. ]+)\])?")
 Fact = tuple[int, str, str]  # rank, type, unit
 
 
@@ -142,6 +156,15 @@ def test_the_columns_of_packed_scenes_are_documented(tmp_path: Path) -> None:
     assert stored(tmp_path / "x.h5") == documented(block("datasets", "packed"))
 
 
+def test_the_columns_of_the_frames_of_the_detectors_training_are_documented(tmp_path: Path) -> None:
+    camera = Intrinsics(1.0, 1.0, 1.0, 1.0, width=4, height=3)
+    small = SmallFrame(np.zeros((3, 4, 3), np.uint8), np.zeros((3, 4), np.float32), camera)
+    plane = Plane(np.array([0.0, 0.0, 1.0]), 0.5)
+    frame = detector_frames.DetectorFrame(small, plane, np.zeros((3, 4), np.uint8))
+    detector_frames.write(tmp_path / "x.h5", [frame], STAMP)
+    assert stored(tmp_path / "x.h5") == documented(block("datasets", "detector frames"))
+
+
 def test_the_arrays_of_grasp_labels_are_documented(tmp_path: Path) -> None:
     zeros = np.zeros((1, *LABEL_GRID))
     label = GraspLabel(np.zeros((1, 3)), label_offsets(zeros), zeros > 0, zeros)
@@ -183,6 +206,18 @@ def test_the_keys_of_coco_entries_are_documented(tmp_path: Path) -> None:
 def test_the_keys_of_reports_are_documented(tmp_path: Path) -> None:
     write_report(tmp_path / "x.json", {}, STAMP)
     assert set(json.loads((tmp_path / "x.json").read_text())) == keys_of(block("keys", "report"))
+
+
+def test_the_figures_of_a_split_and_the_reasons_are_documented() -> None:
+    section = text().split("\n## report.json\n")[1].split("\n## ")[0]
+    figures = split_figures(RowTally(), PredictionTally(), (0.25, 0.134), 0.05)
+    assert set(figures) <= set(re.findall(r"[`\"](\w+(?:\.\d)?)[`\"]", section))
+    assert set(REASONS) <= set(re.findall(r"`([\w ]+)`", section))
+
+
+def test_the_reasons_of_trials_are_documented() -> None:
+    section = text().split("\n## success.json\n")[1].split("\n## ")[0]
+    assert set(TRIAL_REASONS) <= set(re.findall(r"`([\w ]+)`", section))
 
 
 def test_the_keys_of_comparisons_are_documented(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from symgrasp_cli.app import COMMANDS, app
 from tests.docs.test_pages import PAGES, ROOT
 
 SOURCES = [*PAGES, *sorted((ROOT / "examples").glob("*.py"))]
+GUIDES = [ROOT / "README.md", ROOT / "docs/index.md", *sorted((ROOT / "docs/how-to").glob("*.md"))]
 NAMES = [function.__name__.replace("_", "-") for function in COMMANDS]
 BLOCK = re.compile(r"^ *```(\w*)\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
 SPAN = re.compile(r"`([^`]+)`")
@@ -138,6 +139,17 @@ def test_shown_commands_are_valid(source, command_lines):
         check(words, command_lines, is_whole=True)
     for words in commands_of_spans(text):
         check(words, command_lines, is_whole=False)
+
+
+@pytest.mark.parametrize("page", GUIDES, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_no_two_commands_of_a_guide_make_one_output_with_other_settings(page):
+    """Whoever runs the commands of a page one after another meets no refusal."""
+    made: dict[tuple[str, str], list[str]] = {}
+    for words in commands_of_blocks(page.read_text(encoding="utf-8")):
+        is_written = "--out" in words or words[0] == "infer"
+        output = words[words.index("--out") + 1] if "--out" in words else "grasps.h5"
+        if is_written and not {"--overwrite", "--watch"} & set(words):
+            assert made.setdefault((words[0], output), words) == words
 
 
 def dotted(tables: dict, prefix: str = "") -> Iterator[str]:

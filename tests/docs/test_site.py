@@ -1,5 +1,7 @@
 """Text that the documentation's build makes from code."""
 
+import inspect
+import re
 from types import SimpleNamespace
 
 import pytest
@@ -37,6 +39,13 @@ def test_every_public_name_is_on_the_page_of_the_api():
     text = docs_reference.api()
     for name in symgrasp.__all__:
         assert f"\n## {name}\n" in f"\n{text}" or name.startswith("__")
+
+
+def test_text_after_the_attributes_of_a_class_is_whole():
+    text = docs_reference.api()
+    for name in symgrasp.__all__:
+        lines = inspect.getdoc(getattr(symgrasp, name)) or "" if not name.startswith("__") else ""
+        assert all(line in text for line in re.findall(r"^[A-Z][^:]*$", lines, re.MULTILINE)), name
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 import tempfile
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from pipelines.grasp_files.exports.export_poses import ExportGripper
 from pipelines.grasp_files.exports.export_tally import as_ranges
 from pipelines.grasp_files.exports.grasp_exports import FrameGrasps, frame_path
 from pipelines.grasp_files.grasps_tables import GraspTable
-from tests.docs.test_formats_document import block, keys_of
+from tests.docs.test_formats_document import TYPES, block, keys_of
 from tests.grasp_files.exports import export_readers
 from tests.grasp_files.exports.gripper_toys import random_frame, random_gripper, random_result
 
@@ -164,5 +165,8 @@ def test_the_keys_of_isaac_exports_are_documented(tmp_path):
 
 def test_the_arrays_of_contact_graspnet_exports_are_documented(tmp_path):
     with np.load(written("contact-graspnet", tmp_path), allow_pickle=False) as arrays:
-        names = {name.split("/")[0] for name in arrays.files}
-    assert names == keys_of(block("arrays", "export contact-graspnet"))
+        types = {name.split("/")[0]: arrays[name].dtype.str for name in arrays.files}
+    lines = block("arrays", "export contact-graspnet")
+    assert set(types) == keys_of(lines)
+    stated = dict(re.findall(r"`(\w+)/S` \([^)]*\) (i4|bool)", lines))
+    assert types == {name: TYPES[stated.get(name, "f8")] for name in types}

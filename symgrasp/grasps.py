@@ -139,9 +139,13 @@ class Grasps:
     def __getitem__(
         self, index: int | np.integer | slice | Mask | NDArray[np.integer] | list[int]
     ) -> "Grasp | Grasps":
+        if isinstance(index, np.ndarray) and index.ndim == 0:
+            index = int(index)
         rows = {name: getattr(self, name)[index] for name in GRASP_COLUMNS}
         if isinstance(index, int | np.integer):
             return self._grasp(rows)
+        for row in rows.values():
+            row.flags.writeable = False
         rest = {each.name: getattr(self, each.name) for each in fields(self)}
         return Grasps(**{**rest, **rows})
 

@@ -209,7 +209,7 @@ class RefineGraspsConfig:
         False, "Close the fingers of each copy on the mesh again and measure its friction.", "D. 3"
     )
     contact_radius: float = setting(
-        0.004, "m", "Distance from a contact up to which points take its quality.", "D. 9"
+        0.004, "m", "Distance from a contact up to which points take its quality.", "D. 9", low=1e-5
     )
     num_surface_points: int = count(4096, "Points of a mesh that have an affordance.", BY_EYE)
     chunk: int = count(500_000, "Candidates of a label read at a time.", BY_EYE)

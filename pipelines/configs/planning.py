@@ -65,7 +65,11 @@ class CandidateConfig:
     )
     max_pairs: int = count(256, "Most contact pairs tried in a region.", "D. 85")
     pair_spacing: float = setting(
-        0.006, "m", "Edge of the cubes, each with the first contact of one tried pair.", "D. 85"
+        0.006,
+        "m",
+        "Edge of the cubes, each with the first contact of one tried pair.",
+        "D. 85",
+        low=1e-4,
     )
     num_approach_angles: int = count(
         12, "Approach directions tried about a contact line, M of Sec. III-F.", BY_EYE

@@ -1,6 +1,7 @@
 """The parallel gripper as three boxes in the grasp frame: two fingers and a palm."""
 
-from dataclasses import dataclass, fields, replace
+from copy import copy
+from dataclasses import dataclass, fields
 from functools import cache
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import ArrayLike
 from pipelines.array_types import Array
 from pipelines.errors import ValueRangeError
 
+NUMBER = int | float | np.integer | np.floating
 GRASPNET_BACK = 0.02  # metres from the origin of GraspNet's hand back to the end of its fingers
 GRASPNET_DEPTHS = 0.01, 0.04  # metres from that origin to the finger tips: least, most
 
@@ -49,8 +51,10 @@ class Gripper:
         where = f"gripper {self.name}"
         for field in fields(self)[1:]:
             value = getattr(self, field.name)
-            if not (isinstance(value, int | float) and 0.0 <= value < 1.0):
+            if not (isinstance(value, NUMBER) and 0.0 <= value < 1.0):
                 raise ValueRangeError(f"{where}: {field.name}", value, "a length in metres, 0 to 1")
+            if isinstance(value, np.generic):  # digests and files need Python's numbers
+                vars(self)[field.name] = value.item()
         if self.max_opening <= 2 * self.clearance:
             expected = "wider than two clearances"
             raise ValueRangeError(f"{where}: max_opening", self.max_opening, expected)
@@ -117,5 +121,7 @@ class Gripper:
 
 @cache  # all regions of a run use the same few
 def _swept(gripper: Gripper, distance: float) -> Gripper:
+    swept = copy(gripper)  # not checked: a path may be longer than any gripper
     height = max(gripper.palm_height, gripper.finger_height)
-    return replace(gripper, palm_depth=gripper.palm_depth + distance, palm_height=height)
+    vars(swept).update(palm_depth=gripper.palm_depth + distance, palm_height=height)
+    return swept

@@ -130,8 +130,11 @@ def copies_under(
 
     A copy with contacts within `merge_distance` metres of a grasp's or another copy's contacts is
     left out. If there were more than `max_copies`, each transform copies equally many grasps, drawn
-    separately, so that no part of the object and no quality is favoured.
+    separately, so that no part of the object and no quality is favoured; of more transforms than
+    `max_copies`, some are drawn.
     """
+    if len(group) > max_copies:
+        group = group[np.sort(rng.choice(len(group), max_copies, replace=False))]
     share, origin = max_copies // max(1, len(group)), np.arange(len(grasps))
     if len(grasps) <= share:
         chosen = [origin] * len(group)

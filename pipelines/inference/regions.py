@@ -67,11 +67,13 @@ def find_regions(
     regions.
     """
     if masks is not None:
-        regions = [Region(masks == i, 1.0, "masks") for i in np.unique(masks[masks > 0])]
-    else:
-        regions = _from_detections(detections, depth > 0, segments, config)
-        if config.regions != "detector":
-            regions = _completed_by_depth(regions, segments, config)
+        ids, sizes = np.unique(masks[masks > 0], return_counts=True)
+        enough = sizes >= config.min_region_pixels
+        regions = [Region(masks == number, 1.0, "masks") for number in ids[enough]]
+        return regions, int(np.count_nonzero(~enough))
+    regions = _from_detections(detections, depth > 0, segments, config)
+    if config.regions != "detector":
+        regions = _completed_by_depth(regions, segments, config)
     large = [r for r in regions if np.count_nonzero(r.mask) >= config.min_region_pixels]
     return large, len(regions) - len(large)
 

@@ -120,8 +120,10 @@ class RunSettings:
         """Return the digests of the gripper, the user's masks and the workspace."""
         others = {"gripper": gripper_digest(self.config.gripper)}
         if self.paths.masks is not None:
-            pictures = sorted(p for p in self.paths.masks.rglob("*.png") if p.is_file())
-            others["masks"] = digest_text("".join(f"{p.name} {digest(p)}" for p in pictures))
+            masks = self.paths.masks
+            pictures = sorted(p for p in masks.rglob("*.png") if p.is_file())
+            lines = (f"{p.relative_to(masks).as_posix()} {digest(p)}" for p in pictures)
+            others["masks"] = digest_text("".join(lines))
         if self.paths.workspace is not None:
             others["workspace"] = digest(self.paths.workspace)
         return others

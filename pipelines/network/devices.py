@@ -1,9 +1,13 @@
 """Devices of tensors: `auto`, `cpu`, `cuda` or `cuda:N`."""
 
+import re
+
 import torch
 from torch import Tensor
 
 from pipelines.errors import UnknownNameError, ValueRangeError
+
+NAME = re.compile("cpu|cuda(:(0|[1-9][0-9]*))?")  # torch also takes cpu:1, and fails later
 
 
 def find_device(name: str, process: int | None = None) -> torch.device:
@@ -18,7 +22,7 @@ def find_device(name: str, process: int | None = None) -> torch.device:
     if name == "auto":
         name = "cuda" if torch.cuda.is_available() else "cpu"
     kind, _, number = name.partition(":")
-    if kind not in {"cpu", "cuda"} or (number and not number.isdecimal()):
+    if not NAME.fullmatch(name):
         raise UnknownNameError("device", name, ["auto", "cpu", "cuda", "cuda:N"])
     if kind == "cuda" and not number and process is not None:
         number, name = str(process), f"cuda:{process}"

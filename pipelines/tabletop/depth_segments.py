@@ -21,7 +21,7 @@ Labels = NDArray[np.int32]
 Axes = tuple[Singles, Singles, Singles]
 
 USUAL_FOCAL = 525.0  # pixels; normals of a coarser image are fitted to fewer pixels
-GAP = 4  # pixels without depth across which a surface continues
+GAP = 4  # pixels from one pixel of a surface to the next, if those between lack depth
 FINER = 0.5  # factor of the thresholds of fold and step when too large a piece is cut again
 
 
@@ -106,7 +106,7 @@ def inward_fold(xyz: Array, mask: Mask, focal: float, config: RegionConfig) -> S
 def connected(xyz: Array, mask: Mask, config: RegionConfig) -> Labels:
     """Label the pieces of `mask` (H, W), all measured, without a step in depth; 0 elsewhere.
 
-    A surface continues along rows and columns, and across gaps without depth up to `GAP` pixels.
+    A surface continues along rows and columns to pixels up to `GAP` apart without depth between.
     Pieces are numbered row by row.
     """
     steps = config.depth_step * (1.0 + 0.25 * np.arange(GAP + 1, dtype=np.float32))
@@ -114,9 +114,10 @@ def connected(xyz: Array, mask: Mask, config: RegionConfig) -> Labels:
 
 
 def _attach(xyz: Array, cores: Labels, whole: Labels, foreground: Mask) -> Labels:
-    """Label the foreground outside `cores` by the nearest core of the same piece of `whole`.
+    """Label the foreground outside `cores` by the nearest of the cores next to such pixels.
 
-    A piece of `whole` without a core (small or thin) becomes a separate region.
+    A piece of `whole` with cores only across a gap takes the nearest of its own. A piece without a
+    core (small or thin) becomes a separate region.
     """
     labels = cores.copy()
     rest = foreground & (cores == 0)
@@ -125,13 +126,23 @@ def _attach(xyz: Array, cores: Labels, whole: Labels, foreground: Mask) -> Label
     pieces = whole[rest]
     labels[rest] = np.where(with_core[pieces], 0, cores.max(initial=0) + pieces)
     rest &= labels == 0
-    if rest.any():
-        seeds = cv2.dilate(rest.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
-        seeds &= cores > 0
-        if seeds.any():
-            _, nearest = KDTree(xyz[seeds]).query(xyz[rest])
-            labels[rest] = cores[seeds][nearest]
+    seeds = cv2.dilate(rest.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
+    seeds &= cores > 0
+    seeded = np.zeros(len(with_core), bool)
+    seeded[whole[seeds]] = True
+    apart = rest & ~seeded.take(whole)
+    for piece in np.unique(whole[apart]):
+        own = whole == piece
+        _label_by_nearest(labels, xyz, apart & own, own & (cores > 0))
+    _label_by_nearest(labels, xyz, rest & ~apart, seeds)
     return labels
+
+
+def _label_by_nearest(labels: Labels, xyz: Array, some: Mask, seeds: Mask) -> None:
+    """Give the pixels `some` (H, W) the labels of the nearest of the pixels `seeds` (H, W)."""
+    if some.any():
+        _, nearest = KDTree(xyz[seeds]).query(xyz[some])
+        labels[some] = labels[seeds][nearest]
 
 
 @compiled

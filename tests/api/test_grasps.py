@@ -9,7 +9,7 @@ from pipelines.errors import SymgraspError, UnknownNameError
 from pipelines.grasp_files.exports.export_poses import ExportGripper
 from pipelines.grasp_files.exports.grasp_exports import FrameGrasps
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable
-from symgrasp import Grasps
+from symgrasp import Grasp, Grasps
 from symgrasp.grasps import ordered_grasps
 from tests.grasp_files.exports.gripper_toys import CAMERA, random_gripper, random_result
 
@@ -54,6 +54,7 @@ def test_a_number_gives_one_grasp_and_a_slice_or_array_gives_grasps():
     assert GRASPS[2].width == GRASPS.width[2]
     assert GRASPS[-1].width == GRASPS.width[-1]
     assert GRASPS[np.int64(1)].width == GRASPS.width[1]
+    assert isinstance(GRASPS[np.array(1)], Grasp)
     np.testing.assert_array_equal(GRASPS[1:4].translation, GRASPS.translation[1:4])
     np.testing.assert_array_equal(GRASPS[GRASPS.is_best].width, GRASPS.width[GRASPS.is_best])
     np.testing.assert_array_equal(GRASPS[[3, 1]].width, GRASPS.width[[3, 1]])
@@ -65,8 +66,9 @@ def test_a_number_gives_one_grasp_and_a_slice_or_array_gives_grasps():
 def test_grasps_are_read_only():
     with pytest.raises(FrozenInstanceError):
         GRASPS.width = np.zeros(12)
-    with pytest.raises(ValueError, match="read-only"):
-        GRASPS.width[0] = 0.0
+    for some in (GRASPS, GRASPS[1:3], GRASPS[[2, 0]], GRASPS[GRASPS.is_best]):
+        with pytest.raises(ValueError, match="read-only"):
+            some.width[0] = 0.0
     with pytest.raises(ValueError, match="read-only"):
         GRASPS.regions[0].mask[0, 0] = True
     assert SHUFFLED.grasps.width.flags.writeable

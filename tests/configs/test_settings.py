@@ -123,6 +123,8 @@ def test_a_misspelt_setting_is_refused_with_the_nearest_name_and_all_known_names
             {"selection": {"feasibility": {"opening_margins": [0.1, "wide"]}}},
             "a number in m, at least 0",
         ),
+        # Sides of cubes into which points are sorted.
+        ({"selection": {"candidates": {"pair_spacing": 0.0}}}, "a number in m, at least 0.0001"),
         ({"selection": 3}, "a table; its settings are selection.symmetry"),
         ({"selection": {"a": {"b": {"c": {"d": {"e": {"f": {"g": {"h": 1}}}}}}}}}, "tables deep"),
     ],

@@ -82,3 +82,18 @@ def test_wrong_gripper_files_are_refused_with_a_sentence(tmp_path):
         load_gripper("no-such-gripper")
     with pytest.raises(ValueRangeError, match="finger_length"):
         replace(load_gripper("rg2"), finger_length=-1.0)
+
+
+def test_lengths_may_be_numbers_of_numpy():
+    gripper = load_gripper("rg2")
+    given = replace(gripper, max_opening=np.float32(0.125), palm_depth=np.int64(0))
+    assert given == replace(gripper, max_opening=0.125, palm_depth=0.0)
+    assert (type(given.max_opening), type(given.palm_depth)) == (float, int)
+    with pytest.raises(ValueRangeError, match="palm_depth is 40"):
+        replace(gripper, palm_depth=np.float32(40.0))
+
+
+def test_an_approach_path_may_be_longer_than_any_gripper():
+    gripper = load_gripper("rg2")
+    assert_allclose(gripper.swept(2.0).palm_depth, gripper.palm_depth + 2.0)
+    assert load_gripper("rg2") == gripper

@@ -182,6 +182,16 @@ def test_without_antipodal_points_random_pairs_still_have_a_width_that_fits():
         assert width.max() <= GRIPPER.max_width
 
 
+def test_a_point_drawn_twice_is_no_random_pair_without_a_least_width():
+    _, scene, region = seen([Can(0.03, 0.12)])
+    few = replace(region, points=region.points[:3], normals=np.tile(-region.view_ray, (3, 1)))
+    checks = Feasibility.at(few, scene, GRIPPER, replace(CHECKS, min_width=0.0), 0.05)
+    drawn = random_pass(np.random.default_rng(3)).candidates(
+        RegionModel(few), checks, CONFIG.candidates
+    )
+    assert len(GraspPoses.from_contacts(drawn.contacts, drawn.approach)) == len(drawn) > 0
+
+
 def test_a_false_symmetry_loses_no_planar_grasps():
     pose, scene, region = seen([Can(0.035, 0.12)])
     wrong = RotationSymmetry(pose[:3, 0], transform_points(pose, [0, 0, 0.3]))

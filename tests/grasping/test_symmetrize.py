@@ -320,3 +320,12 @@ def test_without_symmetries_there_are_no_copies():
     group = symmetry_group([], 36)
     rng = np.random.default_rng(0)
     assert len(copies_under(grasps, group, merge_distance=MERGE, max_copies=9, rng=rng)[0]) == 0
+
+
+def test_of_more_transforms_than_copies_some_are_drawn():
+    grasps = random_grasps(np.random.default_rng(0), 3)
+    group = symmetry_group(GROUPS["box"][0], 36)
+    copies, origin = copies_under(
+        grasps, group, merge_distance=1e-9, max_copies=5, rng=np.random.default_rng(1)
+    )
+    assert len(copies) == len(origin) == 5 < len(group)

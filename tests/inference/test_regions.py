@@ -1,5 +1,6 @@
 """Regions of a frame: of the detector, of the depth, of the user's masks."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -135,3 +136,18 @@ def test_the_outside_and_the_inside_of_a_cup_are_one_region():
     seen = observe(frame, InferConfig(), np.random.default_rng(0), detector=detector)
     assert len(seen.regions) == 1
     assert (seen.regions[0].mask & (index >= 0)).sum() > 0.95 * (index >= 0).sum()
+
+
+def test_thousands_of_small_instances_need_little_memory():
+    masks = np.arange(2, INDEX.size + 2, dtype=np.int32).reshape(INDEX.shape)
+    masks[20:] = 0
+    masks[INDEX == 0] = 1
+    tracemalloc.start()
+    try:
+        seen = masked(DEPTH, masks)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert len(seen.regions) == 1
+    assert seen.too_small == len(np.unique(masks[masks > 1]))
+    assert peak < 100e6  # a mask of each instance takes 490 MB

@@ -16,3 +16,15 @@ def test_only_the_method_that_fits_symmetries_finds_them_without_a_network(metho
     planner = RunSettings(InferPaths(Path(), Path()), config, 0, "cpu", timings=False).planner()
     assert planner.predictor is None
     assert (planner.symmetry_peer is not None) == is_fitted
+
+
+def test_masks_in_other_folders_are_other_inputs(tmp_path):
+    folder = tmp_path / "masks"
+    (folder / "a").mkdir(parents=True)
+    (folder / "a" / "0.png").write_bytes(b"mask")
+    paths = InferPaths(Path(), Path(), masks=folder)
+    run = RunSettings(paths, InferConfig(), 0, "cpu", timings=False)
+    before = run.other_inputs()
+    assert run.other_inputs() == before
+    (folder / "a").rename(folder / "b")
+    assert run.other_inputs()["masks"] != before["masks"]

@@ -11,7 +11,20 @@ def test_auto_is_a_gpu_where_there_is_one():
     assert find_device("auto").type == ("cuda" if torch.cuda.is_available() else "cpu")
 
 
-@pytest.mark.parametrize("name", ["tpu", "cpu:x", "cuda:-1"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "tpu",
+        "cpu:x",
+        "cpu:",
+        "cpu:0",
+        "cpu:1",
+        "cuda:",
+        "cuda:-1",
+        "cuda:01",
+        "cuda:\u0661",
+    ],
+)
 def test_an_unknown_device_is_refused(name):
     with pytest.raises(UnknownNameError):
         find_device(name)

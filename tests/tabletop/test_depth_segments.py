@@ -156,3 +156,17 @@ def test_pixels_that_are_not_clear_belong_to_a_piece_and_connect_none():
     assert len(np.unique(cut[:, 100:128][foreground[:, 100:128]])) == 1
     assert cut[115, 110] != cut[115, 150]
     np.testing.assert_array_equal(cut > 0, foreground)
+
+
+def test_a_crease_between_gaps_belongs_to_its_piece_and_to_no_other_object():
+    xyz = CAMERA.backproject(np.full((CAMERA.height, CAMERA.width), 0.9))
+    foreground = np.zeros(xyz.shape[:2], bool)
+    foreground[20:220, 20:210] = foreground[100:140, 230:300] = True
+    clear = foreground.copy()
+    clear[:, 200:210] = clear[:, 260:264] = False  # a strip of the large piece, and a crease
+    foreground[:, 197:200] = clear[:, 197:200] = False
+    xyz[:, 197:200] = np.nan
+    labels, by_steps = segment(xyz, foreground, clear, CAMERA.fx, CONFIG)
+    assert by_steps.max() == 2
+    np.testing.assert_array_equal(labels > 0, foreground)
+    assert set(labels[20:220, 200:210].ravel()) == set(labels[20:220, 20:197].ravel())

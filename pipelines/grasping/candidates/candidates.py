@@ -154,7 +154,7 @@ def random_candidates(
         np.einsum("ni,ni->n", along, region.normals[second]),
     )
     narrow, wide = feasibility.widths
-    fits = (width >= narrow) & (width <= wide)
+    fits = (width > 0.0) & (width >= narrow) & (width <= wide)  # a point may be drawn twice
     chosen = np.flatnonzero(fits & (cosine > LEAST_COSINE))
     if not len(chosen):  # no antipodal pair is seen
         order = np.argsort(-cosine, kind="stable")

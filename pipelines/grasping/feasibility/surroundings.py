@@ -1,5 +1,6 @@
 """Observed points around a region, which a gripper at the region must not meet."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from pipelines.grasping.feasibility.collision import Obstacles
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 
 Floor = tuple[float, float, float, float]  # a plane as numbers
+STEEPEST = math.radians(89.9)  # from the optical axis, of a ray that has a pixel
 
 
 @dataclass(frozen=True)
@@ -77,12 +79,26 @@ def _window(
     centre: Array, radius: float, camera: Intrinsics, shape: tuple[int, ...]
 ) -> tuple[int, int, int, int]:
     """Return the rows and columns, as start and stop, in which a ball can be seen."""
-    nearest = max(centre[2] - radius, 0.05)
-    u, v = camera.project(centre)
-    reach_u, reach_v = camera.fx * radius / nearest, camera.fy * radius / nearest
-    rows = max(0, int(v - reach_v)), min(max(0, int(v + reach_v) + 1), shape[0])
-    columns = max(0, int(u - reach_u)), min(max(0, int(u + reach_u) + 1), shape[1])
+    x, y, z = centre.tolist()
+    rows = _span(y, z, radius, (camera.fy, camera.cy), shape[0])
+    columns = _span(x, z, radius, (camera.fx, camera.cx), shape[1])
     return *rows, *columns
+
+
+def _span(
+    aside: float, ahead: float, radius: float, lens: tuple[float, float], size: int
+) -> tuple[int, int]:
+    """Return the first pixel along an axis of the image in which a ball can be seen, and the end.
+
+    `lens`: focal length and principal point along the axis; `size`: pixels of the image.
+    """
+    # Of the rays in a plane, those that touch the ball are at equal angles to its centre's ray.
+    middle, half = math.atan2(aside, ahead), math.asin(min(1.0, radius / math.hypot(aside, ahead)))
+    first, last = (
+        lens[1] + lens[0] * math.tan(min(max(angle, -STEEPEST), STEEPEST))
+        for angle in (middle - half, middle + half)
+    )
+    return min(max(0, math.floor(first)), size), min(max(0, math.ceil(last) + 1), size)
 
 
 def _numbers(floor: Plane | None) -> Floor:

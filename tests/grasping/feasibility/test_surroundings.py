@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.pointcloud import Plane
 from pipelines.grasping.feasibility.surroundings import Surroundings
-from pipelines.grasping.scene import RegionCloud
+from pipelines.grasping.scene import RegionCloud, SceneCloud
 from tests.geometry.tabletops import Box, Can, looking_at_table, render
 from tests.grasping.seen_regions import scene_of
 
@@ -64,3 +65,21 @@ def test_points_beneath_the_floor_are_no_obstacles_but_points_of_other_regions()
     joined = high.with_unseen(unseen)
     np.testing.assert_array_equal(joined.all.points, np.concatenate([high.all.points, unseen[1:]]))
     assert high.with_unseen(unseen[:1]) is high
+
+
+@pytest.mark.parametrize("pixel", [(92, 119), (85, 140), (159, 119), (230, 110), (30, 20)])
+def test_a_wide_angle_camera_sees_all_points_in_reach(pixel):
+    camera = Intrinsics(80.0, 80.0, 159.5, 119.5, 320, 240)  # 127 by 113 degrees
+    mask = np.zeros((240, 320), bool)
+    mask[pixel[1] - 4 : pixel[1] + 5, pixel[0] - 4 : pixel[0] + 5] = True
+    flat = RegionCloud.from_mask(mask, SceneCloud(np.ones((240, 320)), camera))
+    low, high = flat.points.min(axis=0), flat.points.max(axis=0)
+    centre, reach = (low + high) / 2, 0.4
+    # The side of the ball that faces the camera is measured, as far as the image shows it.
+    radius, rays = np.linalg.norm(high - low) / 2 + reach - 1e-6, camera.rays()
+    square, along = (rays**2).sum(axis=-1), rays @ centre
+    inner = along**2 - square * (centre @ centre - radius**2)
+    depth = (along - np.sqrt(np.maximum(inner, 0.0))) / square
+    depth = np.where(mask, 1.0, np.where((inner > 0) & (along > 0), depth, 0.0))
+    found = Surroundings.of(flat, SceneCloud(depth, camera), reach, 0.01)
+    assert found.all.count.sum() == np.count_nonzero(depth)

@@ -102,7 +102,11 @@ def run(
 
 
 def compared(runs: Sequence[EvaluatedRun], config: CompareConfig, seed: int) -> Comparison:
-    """Return the differences of `runs` on the frames that all runs contain."""
+    """Return the differences of `runs` on the frames that all runs contain.
+
+    Raises:
+        SymgraspError: runs that cannot be paired, or without a figure.
+    """
     paired = set(paired_frames(runs))
     notes = [*_frame_notes(runs, len(paired)), *_setting_notes(runs, config.row)]
     figures = []
@@ -116,6 +120,11 @@ def compared(runs: Sequence[EvaluatedRun], config: CompareConfig, seed: int) -> 
             values, found = differences(each, group, config.resamples, config.level, seed)
             if any(map(math.isfinite, values)):
                 figures.append(Figure(metric, split, len(names), values, found))
+    if not figures:
+        raise SymgraspError(
+            f"no figure is defined on the {len(paired)} frames that all runs contain, which show "
+            "no object to grasp; compare runs on other frames"
+        )
     return Comparison([run.name for run in runs], notes, figures, config)
 
 

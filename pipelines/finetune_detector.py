@@ -135,9 +135,6 @@ def frames_of(
         files = [path for path in files if path.parent == folder]
         count, given = detector_frames.count_frames, _given_split(root)
         sets.append(split_frames(files, count, val_fraction, seed, given))
-        for of_what, which in (("to train on", sets[-1].train), ("to validate on", sets[-1].val)):
-            if not which:
-                raise ValueRangeError(f"number of frames {of_what} in {folder}", 0, "at least 1")
     return FrameSets(
         [key for each in sets for key in each.train], [key for each in sets for key in each.val]
     )

@@ -43,6 +43,7 @@ from pipelines.synthesis.objects.own_models import OwnModel, own_models, refuse_
 from pipelines.synthesis.objects.pools import POOLS_OF_FAMILIES, make_object
 from pipelines.synthesis.scenes.cameras import MIXED, camera_folder
 from pipelines.synthesis.scenes.scene_files import write_scene
+from pipelines.synthesis.scenes.tables import check_object_counts
 
 STAGE = "synthesize"
 PLACE_OF_SPLIT = {"train": 0, "seen": 0, "similar": 1, "novel": 2}  # in POOLS_OF_FAMILIES
@@ -114,6 +115,7 @@ def _check(config: SynthesizeConfig, models: Path | None, output: Path) -> None:
     most = MAX_OBJECTS // len(POOLS_OF_FAMILIES[config.families])
     if config.objects_per_pool > most:
         raise ValueRangeError("--objects", config.objects_per_pool, f"at most {most} a pool")
+    check_object_counts(config.min_objects, config.max_objects)
     if config.sensor != MIXED:
         camera_folder(config.sensor)
 

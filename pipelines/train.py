@@ -80,10 +80,12 @@ def run(
 
 
 def _renderers(endless: Path, config: TrainConfig, seed: int, workers: int) -> "EndlessPool":
-    """Return the rendering processes; a fault of the dataset is raised before they start."""
+    """Return the rendering processes; faults of the inputs are raised before they start."""
     from pipelines.synthesis.endless import trainable_objects  # noqa: PLC0415 - slow to import
     from pipelines.synthesis.endless_pool import EndlessPool  # noqa: PLC0415
+    from pipelines.synthesis.scenes.tables import check_object_counts  # noqa: PLC0415
 
+    check_object_counts(config.endless.min_objects, config.endless.max_objects)
     trainable_objects(GraspNetRoot.finished(endless))
     return EndlessPool(endless, config.endless, seed, workers)
 

@@ -80,7 +80,8 @@ def _write_pictures(
         if drawing.name not in drawn.failed
     ]
     pages = contact_sheet.write_sheets(folder, tiles)
-    write_sidecar(folder, stamp)
+    if not drawn.failed:  # the next run draws again what failed
+        write_sidecar(folder, stamp)
     report.notes["pictures"] = f"{len(tiles)} objects on {len(pages)} sheets, {folder}"
 
 

@@ -51,6 +51,7 @@ class Declaration:
         origin: a section of the paper, a decision record (`D. 82`), a sensor, or `BY_EYE`.
         low: smallest accepted number.
         high: largest accepted number.
+        fewest: least length of a list of any length.
     """
 
     unit: str
@@ -58,6 +59,7 @@ class Declaration:
     origin: str
     low: float
     high: float
+    fewest: int = 1
 
 
 def setting(
@@ -68,10 +70,11 @@ def setting(
     *,
     low: float = 0.0,
     high: float | None = None,
+    fewest: int = 1,
 ) -> Default:
     """Declare a number, or a tuple of numbers, as a field of a config."""
     largest = UNITS[unit] if high is None else high
-    declared = Declaration(unit, meaning, origin, low, largest)
+    declared = Declaration(unit, meaning, origin, low, largest, fewest)
     return field(default=default, metadata={DECLARATION: declared})
 
 

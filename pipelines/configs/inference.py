@@ -138,6 +138,7 @@ class WorkspaceConfig:
         "Corners x0,y0,z0,x1,y1,z1 of a box to draw; empty for one around all regions.",
         ROBOT,
         low=-inf,
+        fewest=0,
     )
     box_frame: ReferenceFrame = choice("table", "Frame of a given box: camera or table.", ROBOT)
     margin: float = setting(0.05, "m", "Space around the regions.", BY_EYE)

@@ -117,7 +117,7 @@ class FeasibilityConfig:
         0.10, "m", "Length of the approach path that must be free.", "D. 77"
     )
     opening_margins: tuple[float, ...] = setting(
-        (0.008, 0.004), "m", "Opening margins to try, the largest first.", "D. 92"
+        (0.008, 0.004), "m", "Opening margins to try, the largest first.", "D. 92", fewest=0
     )
     opening_margin_share: float = fraction(
         0.25, "Largest opening margin, as a share of the width.", "D. 102"
@@ -191,7 +191,12 @@ class LimitsConfig:
     """Limits of a robot: workspace and approach directions; by default none."""
 
     box: tuple[float, ...] = setting(
-        (), "m", "Corners x0,y0,z0,x1,y1,z1 of the workspace; empty for none.", ROBOT, low=-inf
+        (),
+        "m",
+        "Corners x0,y0,z0,x1,y1,z1 of the workspace; empty for none.",
+        ROBOT,
+        low=-inf,
+        fewest=0,
     )
     box_frame: ReferenceFrame = choice(
         "camera", "Frame of the box; table: z up from it, its origin nearest to the camera.", ROBOT

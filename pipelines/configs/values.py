@@ -60,6 +60,9 @@ def _fitted_tuple(
         kinds[-1] is not Ellipsis and len(value) != len(kinds)
     ):
         raise SettingError(name, _shown(value), expectation(declared, declaration))
+    if len(value) < declaration.fewest:
+        expected = f"{expectation(declared, declaration)}; at least {declaration.fewest}"
+        raise SettingError(name, "an empty list", expected)
     return tuple(fitted(each, kinds[0], name, declaration) for each in value)
 
 

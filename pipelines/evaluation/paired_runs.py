@@ -81,8 +81,9 @@ class EvaluatedRun:
 
     @property
     def metrics(self) -> set[str]:
-        """Metrics by which this run can be compared."""
-        return {*self.sums, *self.predictions}
+        """Metrics by which this run can be compared: those that all frames have."""
+        whole = {name for name, sums in self.sums.items() if len(sums) == len(self.counts)}
+        return {*whole, *self.predictions}
 
     def add(
         self, name: str, split: str, truth: Truth, count: int, sums: Mapping[str, float]

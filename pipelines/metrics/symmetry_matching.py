@@ -121,9 +121,15 @@ def _turned_planes(
         if isinstance(plane, ReflectionSymmetry) and abs(plane.normal @ rotation.axis) < 0.1
     ]
     turned = [
-        replace(plane, normal=rotation_about(rotation.axis, np.pi * k / order) @ plane.normal)
-        for plane in through
-        for k in range(1, order)
+        _turned(plane, rotation, np.pi * k / order) for plane in through for k in range(1, order)
     ]
     known = [p for p in through if abs((rotation.point - p.point) @ p.normal) <= SAME_OFFSET]
     return [t for t in turned if all(abs(t.normal @ p.normal) < SAME_COSINE for p in known)]
+
+
+def _turned(
+    plane: ReflectionSymmetry, rotation: RotationSymmetry, angle: float
+) -> ReflectionSymmetry:
+    """Return `plane` turned by `angle` radians about the axis of `rotation`."""
+    normal = rotation_about(rotation.axis, angle) @ plane.normal
+    return replace(plane, normal=normal, point=rotation.turn(plane.point[None], angle)[0])

@@ -144,6 +144,7 @@ def _is_listed(symmetry: Symmetry, listed: Sequence[Symmetry]) -> bool:
     """Return whether `symmetry` is in `listed`: a region of the whole repeats the object's."""
     return any(
         symmetry.kind == other.kind
+        and getattr(symmetry, "order", None) == getattr(other, "order", None)
         and np.allclose(symmetry.point, other.point)
         and np.allclose(symmetry.direction, other.direction, equal_nan=True)
         for other in listed

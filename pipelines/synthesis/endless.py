@@ -122,7 +122,7 @@ class EndlessScenes:
         rng, clouds, wanted = scene_generator(self.seed, scene), [], self.config.regions_per_scene
         for _ in range(ATTEMPTS):
             clouds += self._drawn_clouds(rng)
-            if len(clouds) >= wanted // 2:
+            if len(clouds) >= max(1, wanted // 2):
                 break
         if not clouds:
             raise SymgraspError(

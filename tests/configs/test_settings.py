@@ -142,6 +142,18 @@ def test_no_more_label_points_are_made_than_are_read(name):
         changed_by_text(LabelGraspsConfig(), name, "1000001")
 
 
+@pytest.mark.parametrize("stage", STAGE_SETTINGS)
+def test_an_empty_list_is_refused_unless_it_stands_for_none(stage):
+    config = default_settings(stage)
+    lists = [each for each in settings_of(config) if get_args(each.declared)[-1:] == (...,)]
+    for each in lists:
+        if each.name.endswith(("box", "opening_margins")):
+            assert changed_by_text(config, each.name, "[]")
+        else:
+            with pytest.raises(SettingError, match=r"an empty list; .*; at least 1"):
+                changed_by_text(config, each.name, "[]")
+
+
 def test_an_unknown_choice_lists_the_known_ones():
     with pytest.raises(UnknownNameError, match="the nearest is 'geometric'; known are auto, det"):
         from_settings(InferConfig, {"regions": "geometri"})

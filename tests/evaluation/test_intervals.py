@@ -64,3 +64,12 @@ def test_ap_by_graspnets_protocol_is_a_mean_over_frames_for_any_number_of_object
     low, high = intervals_of(frames)["all"]["ap"]
     assert low < 0.1 < high
     assert (low + high) / 2 == pytest.approx(0.1, abs=0.02)
+
+
+def test_a_figure_that_older_records_lack_has_no_interval():
+    frames = [frame(k, "seen", [0.5, 0.1 * k]) for k in range(8)]
+    for each in frames[1:]:
+        each.rows["ours"].accuracy.extend([0.5] * 6)
+    found = intervals_of(frames)["all"]
+    assert "ap" not in found
+    assert "grasp_quality" in found

@@ -94,6 +94,18 @@ def test_a_listed_plane_counts_once_with_or_without_a_discrete_axis():
         assert judged(repeated, [region(*planes, *others)]) == [CORRECT, WRONG, WRONG]
 
 
+@given(seeds)
+@few
+def test_planes_that_follow_from_a_turn_do_not_depend_on_the_point_of_the_listed_plane(seed):
+    """A plane is given by any of its points; the axis lies in the plane, but not the point."""
+    shift = np.random.default_rng(seed).normal(size=2)
+    truth = region(
+        ReflectionSymmetry(X, shift[0] * Y + shift[1] * Z), RotationSymmetry(Z, ORIGIN, order=4)
+    )
+    diagonal = ReflectionSymmetry(unit(X + Y), ORIGIN)
+    assert judged([diagonal], [truth], 0.067) == [IGNORED]
+
+
 def test_a_plane_within_noise_of_a_listed_one_does_not_follow_from_another():
     axis = RotationSymmetry(Z, ORIGIN, order=2)
     tilt = np.radians(4.0)

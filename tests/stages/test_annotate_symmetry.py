@@ -326,6 +326,24 @@ def test_pictures_are_made_of_finished_annotations_and_only_once(box):
     assert "pictures" in draw().notes
 
 
+def test_a_picture_that_failed_is_drawn_by_the_next_run(box, monkeypatch):
+    extras = AnnotationExtras(pictures=box / "later")
+
+    def draw():
+        return annotate_symmetry.run(
+            box / "box.ply", box / "out", QUICK, extras=extras, options=QUIET
+        )
+
+    def failing(*_):
+        raise SymgraspError("no picture")
+
+    with monkeypatch.context() as patched:
+        patched.setattr("pipelines.annotation.extras.object_views", failing)
+        assert draw().failed == {"picture of box": "no picture"}
+    assert draw().failed == {}
+    assert (box / "later" / "objects" / "box.png").is_file()
+
+
 def test_bops_file_is_written_and_a_file_of_others_is_not_replaced(box):
     path = box / "models_info.json"
     extras = AnnotationExtras(bop=path)

@@ -344,6 +344,12 @@ def test_simulated_trials_are_compared_by_success_at_each_friction(tmp_path):
     assert [row[0] for row in tables[0].rows] == ["success, mu 0.3", "success, mu 0.5"]
 
 
+def test_runs_whose_frames_show_no_object_are_refused_in_a_sentence(tmp_path):
+    runs = [write_trials_run(tmp_path / name, 0.5, objects=0) for name in ("a", "b")]
+    with pytest.raises(SymgraspError, match="no figure is defined on the 10 frames"):
+        compare.run(runs, CONFIG)
+
+
 def test_the_interval_of_success_is_paired(tmp_path):
     same = [write_trials_run(tmp_path / name, 0.5) for name in "ab"]
     found = figure(compare.run(same, CONFIG), "success 0.5").differences[0]

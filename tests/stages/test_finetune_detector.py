@@ -185,6 +185,15 @@ def test_the_frames_of_a_scenes_two_cameras_are_on_one_side():
         assert len(sides[0]) + len(sides[1]) == 12
 
 
+@pytest.mark.parametrize(
+    ("count", "fraction", "missing"), [(2, 0.0, "to validate on"), (0, 0.3, "to train on")]
+)
+def test_a_side_without_frames_is_refused(count, fraction, missing):
+    files = [Path(f"scene_{n:04d}_kinect.h5") for n in range(4)]
+    with pytest.raises(ValueRangeError, match=f"number of frames {missing}"):
+        split_frames(files, lambda _: count, fraction, 0)
+
+
 def test_a_saved_batch_gives_the_same_losses_again(root, output, tmp_path):
     files = sorted(finetune_detector.frames_folder(output, root.root).glob("*.h5"))
     frames = split_frames(files, detector_frames.count_frames, CONFIG.val_fraction, 0)

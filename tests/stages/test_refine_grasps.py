@@ -328,6 +328,16 @@ def test_a_regions_symmetry_copies_only_grasps_of_that_region():
     assert_allclose(np.linalg.norm(copies.grasps.contacts, axis=-1), 0.03, atol=1e-3)
 
 
+def test_a_round_region_is_copied_about_the_axis_of_an_object_with_discrete_turns():
+    mesh, rng = shape(trimesh.creation.icosphere(3, 0.03)), np.random.default_rng(0)
+    region = ObjectRegion("r", np.arange(len(mesh.faces)), (RotationSymmetry(Z, ORIGIN),))
+    labels = ObjectSymmetries("x", (RotationSymmetry(Z, ORIGIN, order=4),), (region,))
+    copier = Copier(mesh, Surface.from_mesh(mesh, 8000, rng), labels, CONFIG)
+    level = GraspPoses.from_contacts([[[-0.0299, 0.0, 0.0], [0.0299, 0.0, 0.0]]], [Z])
+    both, _ = copier.with_copies(RatedGrasps(level, np.array([0.9])), rng)
+    assert len(both) > 4
+
+
 def test_grasps_with_a_finger_off_the_region_are_not_copied_where_the_copies_would_hold():
     box = trimesh.creation.box((0.06, 0.04, 0.08)).subdivide().subdivide().subdivide()
     mesh, rng = shape(box), np.random.default_rng(0)

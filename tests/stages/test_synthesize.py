@@ -206,7 +206,13 @@ def test_distance_grids_are_added_to_a_finished_root(tmp_path):
 
 @pytest.mark.parametrize(
     "change",
-    [{"splits": ("dev",)}, {"scenes_per_split": 1001}, {"objects_per_pool": 4000}, {"sensor": "x"}],
+    [
+        {"splits": ("dev",)},
+        {"scenes_per_split": 1001},
+        {"objects_per_pool": 4000},
+        {"sensor": "x"},
+        {"min_objects": 10},  # more than max_objects
+    ],
 )
 def test_impossible_settings_are_refused_before_anything_is_written(tmp_path, change):
     with pytest.raises(SymgraspError):

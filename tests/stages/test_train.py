@@ -163,6 +163,13 @@ def test_a_separate_folder_can_be_used_for_validation(packed, tmp_path):
     assert "plane_angle_deg" in report.notes["network.safetensors"]
 
 
+def test_impossible_numbers_of_objects_are_refused_before_rendering(packed, tmp_path):
+    root = write_root(tmp_path / "root").root
+    config = replace(CONFIG, endless=replace(ENDLESS, share=0.5, min_objects=5, max_objects=4))
+    with pytest.raises(ValueRangeError, match="min_objects is 5; it must be at most max_objects"):
+        train.run(packed, None, tmp_path / "n.safetensors", config, REQUEST, endless=root)
+
+
 def test_a_training_on_rendered_and_packed_regions_resumes_to_the_same_bytes(packed, tmp_path):
     root = write_root(tmp_path / "root").root
     records = [ObjectRecord(i, f"object{i}", "toy", "seen") for i in range(3)]

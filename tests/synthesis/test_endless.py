@@ -59,6 +59,19 @@ def test_a_scene_is_the_same_whenever_it_is_drawn(root, scenes):
     assert not np.array_equal(first[0].points, other_seed[0].points)
 
 
+def test_scenes_without_a_region_are_drawn_again_however_few_regions_are_wanted(root, monkeypatch):
+    scenes = EndlessScenes.of_root(root.root, replace(CONFIG, regions_per_scene=1), 0)
+    drawn, draw = [], EndlessScenes._drawn_clouds
+
+    def empty_at_first(self, rng):
+        drawn.append(draw(self, rng) if drawn else [])
+        return drawn[-1]
+
+    monkeypatch.setattr(EndlessScenes, "_drawn_clouds", empty_at_first)
+    assert len(scenes.regions(3)) == 1
+    assert len(drawn) > 1
+
+
 def test_objects_that_an_evaluation_keeps_unseen_are_never_shown(root, scenes):
     assert trainable_objects(root) == [0, 1]
     assert {region.object_id for n in range(4) for region in scenes.regions(n)} == {0, 1}

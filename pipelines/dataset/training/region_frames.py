@@ -105,7 +105,7 @@ def split_frames(
     validation, unless `held_out` lists these scenes.
 
     Raises:
-        ValueRangeError: there is only one scene.
+        ValueRangeError: there is only one scene, no frame to train on, or none to validate on.
     """
     files = sorted(files)
     scenes = {path.stem[:SCENE] for path in files}
@@ -119,6 +119,10 @@ def split_frames(
     for path in files:
         rows = val if path.stem[:SCENE] in held_out else train
         rows.extend((path, row) for row in range(count(path)))
+    for of_what, rows in (("to train on", train), ("to validate on", val)):
+        if not rows:
+            where = f"number of frames {of_what} in {files[0].parent}"
+            raise ValueRangeError(where, 0, "at least 1")
     return FrameSets(train, val)
 
 

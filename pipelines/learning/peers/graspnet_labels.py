@@ -14,13 +14,14 @@ from pipelines.array_types import Array, Mask, Singles
 from pipelines.configs.peers import PeerNetworkConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_label_stream import grasp_label_pieces
-from pipelines.dataset.graspnet.graspnet_labels import LABEL_GRID, read_collision_labels
+from pipelines.dataset.graspnet.graspnet_labels import LABEL_GRID
 from pipelines.dataset.graspnet.graspnet_layout import FrameFiles
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import transform_points
 from pipelines.grasping.peers.cloud_box import boxed_points
 from pipelines.grasping.scene import SceneCloud
 from pipelines.learning.peers.peer import Arrays
+from pipelines.learning.peers.scene_collisions import checked_collisions
 
 UNITS = 10_000.0  # units per metre of stored points
 STORED_PER_METRE = 1000.0  # units per metre of stored widths and tolerances
@@ -33,7 +34,7 @@ TOLERANCE_STEPS = np.arange(0.005, 0.051, 0.005)  # metres
 HOLDING_SHARE, HOLDING_FRICTION = 0.8, 0.55  # least share of points, largest friction
 DENSE_POINTS = 400  # labelled points that an object needs for its tolerances to be measured
 STREAMED_POINTS = 64  # labelled points read at a time
-KEPT_LABELS, KEPT_COLLISIONS = 40, 2
+KEPT_LABELS = 40
 CELLS = int(np.prod(LABEL_GRID))  # candidates at a point
 COLUMNS = {
     "object": np.int16,
@@ -44,7 +45,6 @@ COLUMNS = {
     "tolerance": np.uint8,
 }
 VIEW_CELLS = (LABEL_GRID[0], CELLS // LABEL_GRID[0])  # views, angles times depths
-_collisions = lru_cache(maxsize=KEPT_COLLISIONS)(read_collision_labels)
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def graspnet_frame_arrays(
         if len(visible) < FEWEST_SEEN:
             continue
         label = holding_cells(root.grasp_label_path(pose.object_id))
-        hindered = _collisions(root.collision_label_path(files.scene_id))[place]
+        hindered = checked_collisions(root, files, place, len(label.points))
         part = _seen_part(label, visible, hindered, pose.T_cam_obj)
         part["object"] = np.full(len(part["points"]), len(turns), np.int16)
         part["point"] = part["point"] + count

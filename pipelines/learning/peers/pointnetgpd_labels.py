@@ -12,7 +12,6 @@ from scipy.spatial import cKDTree
 from pipelines.array_types import Array, Indices, Mask, Singles
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_label_stream import grasp_label_pieces
-from pipelines.dataset.graspnet.graspnet_labels import read_collision_labels
 from pipelines.dataset.graspnet.graspnet_layout import FrameFiles
 from pipelines.dataset.graspnet.graspnet_views import GRASP_DEPTHS, generate_views, view_rotations
 from pipelines.geometry.pointcloud import Plane
@@ -20,6 +19,7 @@ from pipelines.geometry.transforms import transform_points
 from pipelines.grasping.peers.darboux import darboux_frames, outward_normals, over_table
 from pipelines.grasping.peers.hands import MIN_CLOSED_ON, OPENING, Hands, free_hands, thinned
 from pipelines.grasping.scene import MAX_RANGE, SceneCloud
+from pipelines.learning.peers.scene_collisions import checked_collisions
 
 BAD, FAIR, GOOD, HINDERED = 0, 1, 2, 3  # classes; hindered hands are not used
 MAX_GOOD, MAX_FAIR = 0.2, 0.6  # largest friction coefficient of the class
@@ -29,8 +29,7 @@ MIN_VISIBLE = 50  # visible points of an object
 ON_SURFACE = 0.01  # metres from a labelled point to the visible surface
 MOST_OF_A_CLASS = 40  # hands of an object and frame that are kept
 POINTS_A_PIECE = 64  # labelled points read at a time
-KEPT_OBJECTS, KEPT_SCENES = 12, 2
-_scene_collisions = lru_cache(maxsize=KEPT_SCENES)(read_collision_labels)
+KEPT_OBJECTS = 12
 
 
 @dataclass(frozen=True)
@@ -59,14 +58,14 @@ def labelled_hands(root: GraspNetRoot, files: FrameFiles) -> LabelledHands:
     sound = (cloud.depth > 0) & (cloud.depth < MAX_RANGE) & ~cloud.stray
     objects, thin = over_table(cloud.xyz[sound], cloud.plane), thinned(cloud.xyz[sound])
     thin_objects, instances = thinned(objects), root.read_label(files)
-    hindered = _scene_collisions(root.collision_label_path(files.scene_id))
     found = [(Hands.none(), np.zeros(0, np.uint8))]
     for place, pose in enumerate(root.read_annotation(files)):
         visible = cloud.xyz[sound & (instances == pose.object_id + 1)]
         if len(visible) < MIN_VISIBLE:
             continue
         label = _object_label(root.grasp_label_path(pose.object_id))
-        hands, kind = _hands_at(thinned(visible), label, hindered[place], pose.T_cam_obj)
+        hindered = checked_collisions(root, files, place, len(label.points))
+        hands, kind = _hands_at(thinned(visible), label, hindered, pose.T_cam_obj)
         usable = (kind != HINDERED) & free_hands(hands, thin_objects, thin)
         chosen = _some_of_each(hands, kind, np.flatnonzero(usable), objects)
         found.append((hands[chosen], kind[chosen]))

@@ -86,7 +86,8 @@ class UnitSurface:
         is_sheet = bool(len(surface.rim.points)) and _thickness(surface) < FLAT_SHEET
         if is_sheet:  # only the rim determines its position in its plane
             surface = surface.with_walls(WALL_REACH)
-        draw = rng.choice(len(raw.points), config.num_verification_samples, replace=False)
+        verified = min(config.num_verification_samples, len(raw.points))
+        draw = rng.choice(len(raw.points), verified, replace=False)
         # A card turned in its plane moves beyond its rim, which distinguishes cards from discs. A
         # sheet is complete at its rim; the surface of any other object may continue there unseen.
         make = Samples.with_links if len(surface.rim.points) and not is_sheet else Samples

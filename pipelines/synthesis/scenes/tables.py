@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipelines.array_types import Array, Indices
 from pipelines.configs import SceneryConfig, Surrounding
-from pipelines.errors import SymgraspError
+from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.rendering import Scene, cast_view
@@ -100,6 +100,12 @@ class SceneLayout:
             for piece in item.pieces
         ]
         return np.concatenate(corners)
+
+
+def check_object_counts(fewest: int, most: int) -> None:
+    """Raise ValueRangeError if scenes of `fewest` to `most` objects are impossible."""
+    if fewest > most:
+        raise ValueRangeError("min_objects", fewest, f"at most max_objects, {most}")
 
 
 def drawn_layout(

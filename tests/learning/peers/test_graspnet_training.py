@@ -6,9 +6,13 @@ import torch
 from numpy.testing import assert_allclose
 
 from pipelines.configs import TrainBaselineConfig
+from pipelines.dataset.graspnet.graspnet_labels import (
+    read_collision_labels,
+    write_collision_labels,
+)
 from pipelines.dataset.graspnet.graspnet_views import generate_views
 from pipelines.dataset.training.region_frames import FrameSets
-from pipelines.errors import ValueRangeError
+from pipelines.errors import FormatError, ValueRangeError
 from pipelines.learning.peers.graspnet_clouds import labelled_scene
 from pipelines.learning.peers.graspnet_labels import (
     DENSE_POINTS,
@@ -21,6 +25,7 @@ from pipelines.learning.peers.graspnet_training import (
     mean_terms,
 )
 from pipelines.learning.peers.peer import write_peer_frames
+from pipelines.learning.peers.pointnetgpd_training import pointnetgpd_frame
 from pipelines.learning.speed.processes import Processes
 from pipelines.storage.provenance import make_stamp
 from tests.learning.by_heart import learned
@@ -55,6 +60,20 @@ def test_colliding_hands_are_no_labels(tmp_path):
     root = write_root(tmp_path)
     write_labels(root, hindered={0, 1, 2})
     assert not len(graspnet_frame_arrays(root, root.frame(frame_names()[0]))["cell"])
+
+
+@pytest.mark.parametrize("prepare", [graspnet_frame_arrays, pointnetgpd_frame])
+@pytest.mark.parametrize("count", [0, 3])
+def test_collisions_of_other_grasp_labels_are_refused(tmp_path, prepare, count):
+    """Both methods: the objects were labelled again, at more points."""
+    root = write_root(tmp_path)
+    write_labels(root)
+    for scene in root.scenes():
+        path = root.collision_label_path(scene.scene_id)
+        labels = read_collision_labels(path)[:count]
+        write_collision_labels(path, [each[:-1] for each in labels])
+    with pytest.raises(FormatError, match="make both labels of the same points"):
+        prepare(root, root.frame(frame_names()[0]))
 
 
 def test_labelled_points_are_on_the_seen_surface(frame):

@@ -67,6 +67,13 @@ def test_a_box_has_its_three_planes_and_no_continuous_axis():
     assert all(axis.order is not None for axis in axes_of(found))
 
 
+def test_a_box_is_verified_on_all_samples_if_there_are_fewer_than_wanted():
+    config = AnnotateSymmetryConfig(num_samples=1500)
+    assert config.num_verification_samples > config.num_samples
+    found = detect_symmetries(box(0.05, 0.07, 0.11), config, np.random.default_rng(0))
+    assert len(planes_of(found)) == 3
+
+
 def test_the_planes_of_a_cube_are_parallel_to_its_faces():
     found = detect(box(0.06, 0.06, 0.06))
     normals = np.abs([plane.normal for plane in planes_of(found)])

@@ -69,7 +69,7 @@ def planar_candidates(region: RegionCloud, feasibility: Feasibility) -> GraspCan
     contacts, quality, approaches = [np.zeros((0, 2, 3))], [np.zeros(0)], [np.zeros((0, 3))]
     for approach in approach_directions(region, feasibility.scene):
         view = HeightMap.of(region.points, approach)
-        for depth, contact_depth in _slice_depths(view, feasibility):
+        for depth, contact_depth in _slice_depths(view, region.middle, feasibility):
             pairs, held = _slice_pairs(view, depth, region, feasibility)
             contacts.append(view.points_at(pairs.reshape(-1, 2), contact_depth).reshape(-1, 2, 3))
             quality.append(held)
@@ -86,8 +86,12 @@ def approach_directions(region: RegionCloud, scene: SceneCloud) -> list[Array]:
     return [unit((1.0 - share) * scene.inward + share * ray) for share in TILTS]
 
 
-def _slice_depths(view: HeightMap, feasibility: Feasibility) -> list[tuple[float, float]]:
+def _slice_depths(
+    view: HeightMap, middle: Array, feasibility: Feasibility
+) -> list[tuple[float, float]]:
     """Return the depths of slices, and of the contacts in each, along the approach.
+
+    The depth of the table is that below the `middle` (3,) of the region.
 
     From above, the table bounds the depth of the tips. On a thin object the contacts may then be
     slightly in front of the surface, as long as the object is still between the tips.
@@ -98,11 +102,12 @@ def _slice_depths(view: HeightMap, feasibility: Feasibility) -> list[tuple[float
     deep = [d for d in SLICE_DEPTHS[1:] if d < farthest - nearest + THINNEST]
     # At least one slice: the sides beneath a flat top, seen from straight above, are invisible.
     slices = nearest + np.array([SLICE_DEPTHS[0], *deep])
-    slope = 0.0 if table is None else float(-view.axes[:, 0] @ table.normal)
+    approach = view.axes[:, 0]
+    slope = 0.0 if table is None else float(-approach @ table.normal)
     if table is None or slope < STEEP_APPROACH:
         return [(float(depth), float(depth)) for depth in slices]
-    deepest = table.offset / slope - config.min_table_distance - config.body_margin
-    deepest -= gripper.tip_reach
+    height = table.height(middle) - config.min_table_distance - config.body_margin
+    deepest = float(middle @ approach) + height / slope - gripper.tip_reach
     lifted = {(min(d, max(deepest, nearest + THINNEST)), min(d, deepest)) for d in slices}
     reach = gripper.tip_reach - config.min_enclosed / 2
     return sorted((float(d), float(c)) for d, c in lifted if d - c <= reach)

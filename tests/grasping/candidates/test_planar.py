@@ -58,14 +58,29 @@ def test_the_table_bounds_the_contacts_of_a_steep_approach_and_of_no_other():
     pose, scene, region = seen([Box((0.06, 0.05, 0.014))])
     checks = Feasibility.at(region, scene, GRIPPER, CONFIG.feasibility, 0.05)
     tilted = planar.HeightMap.of(region.points, pose[:3, :3] @ [0.0, 0.6, -0.8])
-    depths = planar._slice_depths(tilted, checks)
+    depths = planar._slice_depths(tilted, region.middle, checks)
     assert len(depths) > 1
     assert all(slice_at == contacts for slice_at, contacts in depths)
     above = planar.HeightMap.of(region.points, -pose[:3, 2])
-    depths = planar._slice_depths(above, checks)
+    depths = planar._slice_depths(above, region.middle, checks)
     tips = [above.points_at(np.zeros((1, 2)), at + GRIPPER.tip_reach) for _, at in depths]
     lowest = CONFIG.feasibility.min_table_distance + CONFIG.feasibility.body_margin
     assert scene.plane.height(np.concatenate(tips)).min() == pytest.approx(lowest)
+
+
+@pytest.mark.parametrize("at", [(0.0, 0.0, 0.0), (0.12, 0.1, 0.0), (-0.1, -0.12, 0.0)])
+def test_the_deepest_tips_of_a_tilted_approach_are_just_above_the_table(at):
+    _, scene, region = seen([Box((0.06, 0.05, 0.014), at)])
+    checks = Feasibility.at(region, scene, GRIPPER, CONFIG.feasibility, 0.05)
+    lowest = CONFIG.feasibility.min_table_distance + CONFIG.feasibility.body_margin
+    for approach in planar.approach_directions(region, scene):
+        if -approach @ scene.plane.normal < planar.STEEP_APPROACH:
+            continue
+        view = planar.HeightMap.of(region.points, approach)
+        deepest = max(at for _, at in planar._slice_depths(view, region.middle, checks))
+        away = deepest + GRIPPER.tip_reach - region.middle @ approach
+        height = scene.plane.height(region.middle + away * approach)
+        assert lowest - 1e-9 < height < lowest + 0.001
 
 
 @pytest.mark.parametrize("shape", [Box((0.06, 0.05, 0.1)), Can(0.03, 0.08)])
@@ -75,7 +90,7 @@ def test_the_pairs_of_a_slice_equal_those_of_a_loop(shape):
     checks = Feasibility.at(region, scene, GRIPPER, CONFIG.feasibility, cap)
     for approach in planar.approach_directions(region, scene):
         view = planar.HeightMap.of(region.points, approach)
-        for at, _ in planar._slice_depths(view, checks):
+        for at, _ in planar._slice_depths(view, region.middle, checks):
             expected = naive_pairs(view, at, region)
             cells, quality = planar._slice_pairs(view, at, region, checks)
             keys = np.array([np.ravel(pair) for pair in expected]).reshape(-1, 4)

@@ -84,7 +84,10 @@ def _content(path: Path) -> object:
 
 def _text(path: Path) -> str:
     with existing(path).open("rb") as stream:
-        return stream.read(MAX_TEXT_BYTES).decode("utf-8", "replace")
+        data = stream.read(MAX_TEXT_BYTES + 1)
+    if len(data) > MAX_TEXT_BYTES:
+        raise FormatError(path, f"is larger than {MAX_TEXT_BYTES // 1024} KiB", EXPECTED)
+    return data.decode("utf-8", "replace")
 
 
 def _is_on_hand(facts: Mapping[str, object]) -> bool:

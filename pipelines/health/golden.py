@@ -7,7 +7,7 @@ import numpy as np
 
 from pipelines.array_types import Array, Mask
 from pipelines.configs import DoctorConfig, InferConfig
-from pipelines.errors import MissingInputError, SymgraspError
+from pipelines.errors import SymgraspError
 from pipelines.frames.frames import find_frames
 from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasp_files.gripper_files import load_gripper
@@ -84,7 +84,7 @@ def golden_result(frame_name: str, device: str = "cpu") -> FrameResult:
     """
     found = [source for source in find_frames(FRAMES) if source.name == frame_name]
     if not found:
-        raise MissingInputError(FRAMES / frame_name, "pip install --force-reinstall symgrasp")
+        raise SymgraspError(f"{FRAMES / frame_name} does not exist; install SymGrasp again")
     config = InferConfig()
     with models.one_thread_each():
         planner = Planner(

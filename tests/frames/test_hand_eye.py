@@ -97,3 +97,10 @@ def test_a_file_without_a_valid_pose_is_reported_in_one_sentence(name, text, sen
     (tmp_path / name).write_text(text)
     with pytest.raises(FormatError, match=sentence):
         read_hand_eye(tmp_path / name)
+
+
+def test_a_text_beyond_the_limit_is_refused_and_not_cut(tmp_path):
+    path = tmp_path / "long.launch"
+    path.write_text(f"<!-- {'x' * 2**16} -->\n{LAUNCH}", encoding="utf-8")
+    with pytest.raises(FormatError, match="is larger than 64 KiB"):
+        read_hand_eye(path)

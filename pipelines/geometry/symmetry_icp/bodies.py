@@ -64,7 +64,7 @@ def axis_fit(surface: SeenSurface, space: FreeSpace) -> BodyFit:
     """
     points = surface.points
     mean = points.mean(axis=0)
-    axes = np.linalg.svd(points - mean, full_matrices=True)[2]
+    axes = np.linalg.svd(points - mean, full_matrices=False)[2]
     fits = [_scored_axis(_refined_axis(surface, axis, mean), surface, space) for axis in axes]
     accepted = [fit for fit in fits if fit.is_accepted]
     if accepted:

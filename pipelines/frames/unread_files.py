@@ -46,15 +46,12 @@ def why_no_frames(folder: Path) -> str:
 
 def _missing(folder: Path, files: list[Path]) -> str:
     images = [path for path in files if path.suffix.lower() in COLOR_SUFFIXES]
-    depths = {
-        path: None for path in files if "depth" in path.relative_to(folder).as_posix().lower()
-    }
+    depths = [path for path in files if "depth" in path.relative_to(folder).as_posix().lower()]
     if not images and not depths:
         return "no images are among them"
     if not depths:
         return "no name has the word depth"
-    first = next(iter(depths))
-    other = next((path for path in images if path not in depths), None)
-    if other is None:
-        return f"no colour image goes with {first.name}"
-    return f"{first.name} and {other.name} are no pair by their names"
+    others = sorted(set(images) - set(depths))
+    if not others:
+        return f"no colour image goes with {depths[0].name}"
+    return f"{depths[0].name} and {others[0].name} are no pair by their names"

@@ -1,13 +1,11 @@
 """The error about a folder without frames names its files and the missing ones."""
 
-import time
 from pathlib import Path
 
 import pytest
 
 from pipelines.errors import SymgraspError
 from pipelines.frames.frames import find_frames
-from pipelines.frames.unread_files import why_no_frames
 
 
 @pytest.mark.parametrize(
@@ -34,11 +32,3 @@ def test_the_files_of_the_folder_and_the_missing_ones_are_named(
         find_frames(tmp_path)
     assert sentence in str(caught.value)
     assert "put x_color.png next to x_depth.png" in str(caught.value)
-
-
-def test_a_folder_of_many_images_is_described_at_once(tmp_path: Path) -> None:
-    for number in range(2000):
-        (tmp_path / f"{number}_depth_map.png").touch()
-    started = time.monotonic()
-    assert "no colour image goes with" in why_no_frames(tmp_path)
-    assert time.monotonic() - started < 1.0

@@ -91,10 +91,9 @@ def _slice_depths(
 ) -> list[tuple[float, float]]:
     """Return the depths of slices, and of the contacts in each, along the approach.
 
-    The depth of the table is that below the `middle` (3,) of the region.
-
-    From above, the table bounds the depth of the tips. On a thin object the contacts may then be
-    slightly in front of the surface, as long as the object is still between the tips.
+    From above, the table below the region's `middle` (3,) bounds the depth of the tips. On a thin
+    object the contacts may then be slightly in front of the surface, as long as the object is still
+    between the tips.
     """
     gripper, config, table = feasibility.gripper, feasibility.config, feasibility.scene.plane
     seen = view.depth[np.isfinite(view.depth)]

@@ -140,10 +140,12 @@ def drawn_sample(ring: RegionRing, size: int, config: TrainConfig) -> Sample:
     return Sample(initial, copies, query, measured)
 
 
-def first_regions(renderers: Renderers, capacity: int, device: torch.device) -> RegionRing:
-    """Return a ring with enough regions for the first steps."""
+def first_regions(
+    renderers: Renderers, capacity: int, device: torch.device, count: int = FIRST_REGIONS
+) -> RegionRing:
+    """Return a ring with `count` regions, at most half of its capacity, for the first steps."""
     ring = RegionRing(capacity, device)
-    while len(ring) < min(FIRST_REGIONS, capacity // 2):
+    while len(ring) < min(count, capacity // 2):
         ring.take_in(renderers, 64)
         time.sleep(0.05)
     return ring

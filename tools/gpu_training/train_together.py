@@ -27,6 +27,7 @@ from pipelines.storage.checkpoints import load_weights, save_weights
 from tools.gpu_training.rendering import RegionRing, Renderers
 from tools.gpu_training.schedule import Schedule
 from tools.gpu_training.train import (
+    FIRST_REGIONS,
     GraphStep,
     drawn_sample,
     first_regions,
@@ -175,8 +176,9 @@ def train_rows(options: argparse.Namespace) -> None:
     workers = max(1, options.workers // len(files))
     renderers = {path: Renderers(path, options.seeds[0], workers, options.limit) for path in files}
     prepare_layers(device)
+    capacity, first = options.capacity, options.first_regions
     sources = {
-        path: RenderedRegions(first_regions(each, options.capacity, device), each)
+        path: RenderedRegions(first_regions(each, capacity, device, first), each)
         for path, each in renderers.items()
     }
     options.out.mkdir(parents=True, exist_ok=True)
@@ -236,6 +238,9 @@ def main() -> None:
     parser.add_argument("--graph", action=argparse.BooleanOptionalAction, default=True)
     parser.add_argument("--workers", type=int, default=15, help="processes that render")
     parser.add_argument("--limit", type=int, help="number of first objects to use")
+    parser.add_argument(
+        "--first-regions", type=int, default=FIRST_REGIONS, help="regions before the first step"
+    )
     parser.add_argument("--capacity", type=int, default=150_000, help="regions on the device")
     parser.add_argument("--device", default="cuda")
     train_rows(parser.parse_args())

@@ -92,8 +92,8 @@ class TrainedRow:
         """Return a row with new weights, or with the weights of an earlier run."""
         name, objects, config = plan
         path = weights_path(options.out, name, seed)
-        weights, metadata = load_weights(path) if path.exists() else ({}, {})
-        earlier = int(metadata.get("steps", 0))
+        weights = load_weights(path)[0] if path.exists() else {}
+        earlier = earlier_steps(path)
         torch.manual_seed(seed + SEEDS_APART * earlier)
         first = drawn_sample(ring, config.batch_size, config)
         device = first.query.device
@@ -128,6 +128,11 @@ class TrainedRow:
 def weights_path(folder: Path, name: str, seed: int) -> Path:
     """Return the path of a row's weights."""
     return folder / f"{name}_{seed}.safetensors"
+
+
+def earlier_steps(path: Path) -> int:
+    """Return the number of steps of earlier runs of the weights at `path`; 0 without a file."""
+    return int(load_weights(path)[1].get("steps", 0)) if path.exists() else 0
 
 
 def run_rounds(
@@ -174,7 +179,9 @@ def train_rows(options: argparse.Namespace) -> None:
     plans = [RowPlan.of(text, options.objects, options.preset) for text in options.row]
     files = dict.fromkeys(plan.objects for plan in plans)
     workers = max(1, options.workers // len(files))
-    renderers = {path: Renderers(path, options.seeds[0], workers, options.limit) for path in files}
+    first_row = weights_path(options.out, plans[0].name, options.seeds[0])
+    scenes = options.seeds[0] + SEEDS_APART * earlier_steps(first_row)
+    renderers = {path: Renderers(path, scenes, workers, options.limit) for path in files}
     prepare_layers(device)
     capacity, first = options.capacity, options.first_regions
     sources = {

@@ -230,7 +230,7 @@ def test_rows_of_one_seed_learn_separately_from_the_same_regions(objects, monkey
     ring.add([np.asarray(each, np.float32)[None] for each in rendering._rows(region)])
     monkeypatch.setattr(ring, "take_in", lambda renderers, scenes: None)
     settings = "batch_size=2,network.num_points=300,num_loss_points=40"
-    options = argparse.Namespace(out=tmp_path, graph=False)
+    options = argparse.Namespace(out=tmp_path, graph=False, seeds=[0, 1])
     source = train_together.RenderedRegions(ring, None)
     sources = {Path("all.xz"): source, Path("uncut.xz"): source}
     texts = (
@@ -242,6 +242,7 @@ def test_rows_of_one_seed_learn_separately_from_the_same_regions(objects, monkey
     rows = [
         train_together.TrainedRow.of(plan, seed, ring, options) for plan in plans for seed in (0, 1)
     ]
+    assert train_together.scene_seed(plans[0], options) == 0
     assert list(train_together.run_rounds(rows, sources, 60.0, 2)) == [1, 2]
     points = [row.step.sample.regions.points for row in rows]
     assert torch.equal(points[0], points[2])
@@ -259,5 +260,6 @@ def test_rows_of_one_seed_learn_separately_from_the_same_regions(objects, monkey
     assert not torch.equal(full[0][WEIGHT], other[0][WEIGHT])
     resumed = train_together.TrainedRow.of(plans[0], 0, ring, options)
     assert resumed.earlier == 2
+    assert train_together.scene_seed(plans[0], options) not in options.seeds
     assert torch.equal(resumed.step.averaged_weights()[WEIGHT], full[0][WEIGHT])
     assert not torch.equal(resumed.step.sample.regions.points, points[0])

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import torch
+from torch import Tensor
 
 from pipelines.configs import TrainConfig
 from pipelines.configs.presets import PRESETS
@@ -92,8 +93,7 @@ class TrainedRow:
         """Return a row with new weights, or with the weights of an earlier run."""
         name, objects, config = plan
         path = weights_path(options.out, name, seed)
-        weights = load_weights(path)[0] if path.exists() else {}
-        earlier = earlier_steps(path)
+        weights, earlier = earlier_weights(path)
         torch.manual_seed(seed + SEEDS_APART * earlier)
         first = drawn_sample(ring, config.batch_size, config)
         device = first.query.device
@@ -130,9 +130,17 @@ def weights_path(folder: Path, name: str, seed: int) -> Path:
     return folder / f"{name}_{seed}.safetensors"
 
 
-def earlier_steps(path: Path) -> int:
-    """Return the number of steps of earlier runs of the weights at `path`; 0 without a file."""
-    return int(load_weights(path)[1].get("steps", 0)) if path.exists() else 0
+def earlier_weights(path: Path) -> tuple[dict[str, Tensor], int]:
+    """Return the weights at `path` and their number of steps; nothing and 0 without a file."""
+    weights, metadata = load_weights(path) if path.exists() else ({}, {})
+    return weights, int(metadata.get("steps", 0))
+
+
+def scene_seed(first: RowPlan, options: argparse.Namespace) -> int:
+    """Return the seed of the scenes, another one after each run that `first` continues."""
+    seed: int = options.seeds[0]
+    steps = earlier_weights(weights_path(options.out, first.name, seed))[1]
+    return seed + SEEDS_APART * steps
 
 
 def run_rounds(
@@ -179,9 +187,8 @@ def train_rows(options: argparse.Namespace) -> None:
     plans = [RowPlan.of(text, options.objects, options.preset) for text in options.row]
     files = dict.fromkeys(plan.objects for plan in plans)
     workers = max(1, options.workers // len(files))
-    first_row = weights_path(options.out, plans[0].name, options.seeds[0])
-    scenes = options.seeds[0] + SEEDS_APART * earlier_steps(first_row)
-    renderers = {path: Renderers(path, scenes, workers, options.limit) for path in files}
+    seed = scene_seed(plans[0], options)
+    renderers = {path: Renderers(path, seed, workers, options.limit) for path in files}
     prepare_layers(device)
     capacity, first = options.capacity, options.first_regions
     sources = {
@@ -246,7 +253,10 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=15, help="processes that render")
     parser.add_argument("--limit", type=int, help="number of first objects to use")
     parser.add_argument(
-        "--first-regions", type=int, default=FIRST_REGIONS, help="regions before the first step"
+        "--first-regions",
+        type=int,
+        default=FIRST_REGIONS,
+        help="regions before the first step, at most half of --capacity",
     )
     parser.add_argument("--capacity", type=int, default=150_000, help="regions on the device")
     parser.add_argument("--device", default="cuda")

@@ -65,6 +65,12 @@ class Gripper:
         return self.max_opening - 2.0 * self.clearance
 
     @property
+    def reach(self) -> float:
+        """Distance from a grasp's middle to the farthest corner of the gripper at `max_width`."""
+        farthest = np.abs(self.boxes(self.max_width)).max(axis=-2)
+        return float(np.linalg.norm(farthest, axis=-1).max())
+
+    @property
     def graspnet_depth(self) -> float:
         """Depth of GraspNet's hand, from origin to finger tips, with fingers as long as these."""
         return float(np.clip(self.finger_length - GRASPNET_BACK, *GRASPNET_DEPTHS))

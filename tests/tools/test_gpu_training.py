@@ -26,6 +26,7 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.pointcloud import Plane
 from pipelines.learning.detector.detector_start import starting_detector
 from pipelines.learning.detector.frame_views import random_example
+from pipelines.learning.grasp_network.grasp_training import sample_loss
 from pipelines.learning.loop.loaders import draw_points
 from pipelines.network import augmentation
 from pipelines.network.detection.detector import MODEL_NAME
@@ -37,6 +38,7 @@ from pipelines.synthesis.endless import EndlessScenes
 from pipelines.tabletop.depth_channels import SmallFrame
 from tests.stages.toy_root import STAMP, write_root
 from tools.gpu_training import (
+    compare_losses,
     geometry_stream,
     labelled_objects,
     rendering,
@@ -263,3 +265,7 @@ def test_rows_of_one_seed_learn_separately_from_the_same_regions(objects, monkey
     assert train_together.scene_seed(plans[0], options) not in options.seeds
     assert torch.equal(resumed.step.averaged_weights()[WEIGHT], full[0][WEIGHT])
     assert not torch.equal(resumed.step.sample.regions.points, points[0])
+    path, samples = tmp_path / "full_0.safetensors", [resumed.step.sample]
+    with torch.no_grad():
+        loss = sample_loss(resumed.step.module.eval(), *samples, plans[0].config, CPU)["total"]
+    assert compare_losses.mean_loss(path, plans[0], 2 * samples) == pytest.approx(float(loss))

@@ -51,9 +51,13 @@ class Feasibility:
         config: FeasibilityConfig,
         clearance_cap: float,
     ) -> "Feasibility":
-        """Return the checks at `region`; clearances are known up to `clearance_cap` metres."""
+        """Return the checks at `region`.
+
+        Clearances are known up to `clearance_cap` metres, at the sides of a wide palm less far.
+        """
         scene = scene if config.keeps_off_plane else replace(scene, plane=None)
-        reach, floor = gripper.finger_length + gripper.palm_depth + clearance_cap, None
+        ahead, floor = gripper.finger_length + gripper.palm_depth, None
+        reach = max(ahead + clearance_cap, gripper.reach)
         if scene.plane is not None:
             # The gripper stays `min_table_distance` above the table. Enlarged by a margin, its
             # corners are lower by at most the margin times the root of three.

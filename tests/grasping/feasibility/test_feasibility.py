@@ -8,14 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipelines.configs import FeasibilityConfig
-from pipelines.geometry.transforms import random_rotation
+from pipelines.geometry.transforms import random_rotation, transform_points
 from pipelines.grasp_files.gripper_files import load_gripper, preset_names
 from pipelines.grasping.feasibility.collision import Obstacles, bodies_meet
 from pipelines.grasping.feasibility.feasibility import Feasibility
 from pipelines.grasping.feasibility.surroundings import Surroundings
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.scene import SceneCloud
-from tests.geometry.tabletops import CAMERA
+from tests.geometry.tabletops import CAMERA, Box, looking_at_table
+from tests.grasping.seen_regions import seen
 
 CONFIG = FeasibilityConfig(max_points_inside=0)
 NOTHING = Obstacles(np.zeros((0, 3)), np.zeros(0, np.int64))
@@ -77,3 +78,15 @@ def test_fingers_that_stick_out_of_the_palm_sweep_their_own_height():
     slim = replace(load_gripper("rg2"), palm_height=0.004)
     point = obstacle([-0.11, 0.035, 0.009])  # behind a finger, above the palm
     assert free(ALONG_X, point, gripper=slim).tolist() == [False]
+
+
+@pytest.mark.parametrize("palm_width", [0.075, 0.5])
+def test_a_wide_palm_meets_obstacles_far_from_the_region(palm_width):
+    gripper = replace(load_gripper("rg2"), palm_width=palm_width)
+    pillar = Box((0.03, 0.3, 0.25), (0.24, 0.0, 0.0))
+    pose, scene, region = seen([Box((0.03, 0.03, 0.12)), pillar], looking_at_table())
+    config = FeasibilityConfig(approach_distance=0.0)
+    checks = Feasibility.at(region, scene, gripper, config, 0.05)
+    contacts = transform_points(pose, [[-0.015, 0.0, 0.11], [0.015, 0.0, 0.11]])
+    grasps = GraspPoses.from_contacts(contacts[None], -pose[None, :3, 2])
+    assert checks.allows(grasps).item() == (palm_width < 0.5)

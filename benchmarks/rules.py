@@ -122,9 +122,9 @@ SELECTION = (
         SYMMETRY,
         ("no-confidence", "least confidence of symmetries", "min_confidence", 0.0),
         ("no-completion", "completion of the unseen side", "min_completion_confidence", 1.0),
-        ("no-neighbours", "completion of neighbours", "min_neighbour_confidence", 1.0),
+        ("no-neighbours", "completion of neighbours", "min_neighbor_confidence", 1.0),
         ("completion-0.3", "own bound of completion", "min_completion_confidence", 0.3),
-        ("neighbours-0.5", "neighbours' bound of completion", "min_neighbour_confidence", 0.5),
+        ("neighbours-0.5", "neighbours' bound of completion", "min_neighbor_confidence", 0.5),
     ),
     *settings_under(
         CANDIDATES,
@@ -249,7 +249,7 @@ PRINTED = {
             f"{FEASIBILITY}max_points_inside",
             f"{FEASIBILITY}approach_distance",
             f"{SYMMETRY}min_completion_confidence",
-            f"{SYMMETRY}min_neighbour_confidence",
+            f"{SYMMETRY}min_neighbor_confidence",
         ),
     ),
     "printed-limits": (

@@ -121,10 +121,10 @@ def frame_figure() -> str:
     boxes = load_gripper("rg2").boxes(width)
     for low, high in (boxes[2], boxes[0], boxes[1]):
         body += box_outline(low, high)
-    centre = projected(origin[None])[0]
+    center = projected(origin[None])[0]
     contacts = projected(np.array([[0, -width / 2, 0], [0, width / 2, 0]]))
     body.append(
-        f'<ellipse cx="{centre[0]:.1f}" cy="{centre[1] + 16:.1f}" rx="82" ry="62" '
+        f'<ellipse cx="{center[0]:.1f}" cy="{center[1] + 16:.1f}" rx="82" ry="62" '
         f'fill="#f6e7c8" stroke="#b58b3c" fill-opacity="0.8"/>'
     )
     body += [
@@ -133,7 +133,7 @@ def frame_figure() -> str:
         arrow(origin, np.array([0, 0, 0.045]), BLUE, "approach x closing", (-150, 12)),
     ]
     body += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="5" fill="{INK}"/>' for x, y in contacts]
-    body.append(f'<circle cx="{centre[0]:.1f}" cy="{centre[1]:.1f}" r="5" fill="{RED}"/>')
+    body.append(f'<circle cx="{center[0]:.1f}" cy="{center[1]:.1f}" r="5" fill="{RED}"/>')
     notes = (
         "translation = midpoint of the two contacts (red dot)",
         "width = distance between the contacts (black dots)",

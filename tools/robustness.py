@@ -76,7 +76,7 @@ def write_point(root: GraspNetRoot, point: Point, out: Path) -> None:
             seeds = [SEED, scene.scene_id]
             layout = layout_of(root, scene)
             azimuth = np.random.default_rng(seeds).uniform(0.0, 2.0 * np.pi)
-            pose = point.pose(layout.centre, azimuth)[None]
+            pose = point.pose(layout.center, azimuth)[None]
             rng = np.random.default_rng([SEED, TAG_VIEW, scene.scene_id])
             views = record(layout, pose, point.intrinsics, point.sensor, rng)
             shown = edited(views, point, np.random.default_rng([SEED, TAG_EDIT, scene.scene_id]))

@@ -46,7 +46,7 @@ class SymmetryConfig:
     min_completion_confidence: float = fraction(
         0.5, "Least confidence of a symmetry that completes the unseen side.", "D. 32"
     )
-    min_neighbour_confidence: float = fraction(
+    min_neighbor_confidence: float = fraction(
         0.3, "Least confidence for neighbours, whose completion is an obstacle.", "D. 85"
     )
 

@@ -37,7 +37,7 @@ READ = (".json", ".yaml", ".yml", ".intr", ".txt", ".npy")
 NAMED = (*READ, ".xml", ".ini", ".cfg", ".conf", ".toml", ".csv", ".mat")
 MOST_FILES = 20  # in a folder; more files are poses or labels, one per frame
 MOST_BYTES = 100_000
-SHORTEST, LEAST_CENTRE = 10.0, 1.0  # pixels; the numbers of a pose are smaller
+SHORTEST, LEAST_CENTER = 10.0, 1.0  # pixels; the numbers of a pose are smaller
 
 
 def find_camera_file(folder: Path, name: str) -> Path | None:
@@ -74,8 +74,8 @@ def cameras_in(folder: Path) -> Iterator[tuple[Path, CameraFile]]:
             camera = read_camera_file(path)
         except SymgraspError:
             continue
-        centre = min(camera.cx, camera.cy)
-        if min(camera.fx, camera.fy) >= SHORTEST and centre >= LEAST_CENTRE:
+        center = min(camera.cx, camera.cy)
+        if min(camera.fx, camera.fy) >= SHORTEST and center >= LEAST_CENTER:
             yield path, camera
 
 

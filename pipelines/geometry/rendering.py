@@ -46,10 +46,10 @@ class Scene:
         self._triangles = np.concatenate(triangles)
         self._starts = np.cumsum([0, *(len(part) for part in triangles)])
         # Single precision is finest near the origin, so the search runs about the centre.
-        self._centre = 0.5 * (self._triangles.min(axis=(0, 1)) + self._triangles.max(axis=(0, 1)))
+        self._center = 0.5 * (self._triangles.min(axis=(0, 1)) + self._triangles.max(axis=(0, 1)))
         a, b, c = self._triangles.swapaxes(0, 1)
         self._normals = unit(np.cross(b - a, c - a))
-        self._search = ray_search(self._triangles - self._centre)
+        self._search = ray_search(self._triangles - self._center)
 
     def cast(self, origins: ArrayLike, directions: ArrayLike) -> tuple[Array, Indices]:
         """Return distance (n,) and triangle (n,) of each ray's first hit; inf and -1 if it misses.
@@ -61,7 +61,7 @@ class Scene:
         d = unit(np.asarray(directions, np.float64).reshape(-1, 3))
         if not len(o):
             return np.zeros(0), np.zeros(0, np.int64)
-        triangle, searched = self._search.first(o - self._centre, d)
+        triangle, searched = self._search.first(o - self._center, d)
         hit = triangle >= 0
         distance = np.full(len(o), np.inf)
         normal, corner = self._normals[triangle[hit]], self._triangles[triangle[hit], 0]
@@ -77,7 +77,7 @@ class Scene:
     def occluded(self, origins: ArrayLike, directions: ArrayLike) -> Mask:
         """Return whether each ray hits anything; `origins`, `directions` (n, 3), world frame."""
         o = np.asarray(origins, np.float64).reshape(-1, 3)
-        return self._search.any(o - self._centre, np.asarray(directions).reshape(-1, 3))
+        return self._search.any(o - self._center, np.asarray(directions).reshape(-1, 3))
 
     def owner(self, triangle: Indices) -> tuple[Indices, Indices]:
         """Return the object of `triangle`, and its index in that object's mesh; -1 stays -1."""

@@ -21,7 +21,7 @@ from pipelines.geometry.numerics.fitting_sums import (
     plane_sums,
     stepped,
 )
-from pipelines.geometry.numerics.nearest import Neighbours
+from pipelines.geometry.numerics.nearest import Neighbors
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry
 from pipelines.geometry.transforms import basis_from_direction, cross, unit
 
@@ -57,8 +57,8 @@ def fit_rotations(
     rows = np.concatenate([cross(points, normals), normals], axis=1)
     squares = (rows[:, :, None] * rows[:, None, :]).reshape(-1, 36)
 
-    def linearised(axis: Array, centre: Array, basis: Array, scale: float) -> Sums:
-        return axis_sums(rows, squares, axis, centre, basis, scale)
+    def linearised(axis: Array, center: Array, basis: Array, scale: float) -> Sums:
+        return axis_sums(rows, squares, axis, center, basis, scale)
 
     directions = np.array([start.axis for start in starts])
     origins = np.array([start.point for start in starts])
@@ -72,7 +72,7 @@ def fit_reflections(
 
     A plane with support below `MIN_OVERLAP` is unchanged.
     """
-    moved, seen = points[::IMAGE_STRIDE].copy(), Neighbours.of(points)
+    moved, seen = points[::IMAGE_STRIDE].copy(), Neighbors.of(points)
 
     def linearised(normal: Array, point: Array, basis: Array, scale: float) -> Sums:
         images = mirror_images(moved, normal, point)
@@ -116,5 +116,5 @@ def fit_sphere(point: Array, points: Array, normals: Array) -> SymmetryFit:
     The line of each normal passes through the centre; the support counts points at the radius.
     """
     share = EFFECTIVE_POINTS / max(len(points), 1) / NOISE**2
-    centre, weight = fitted_sphere(points, normals, point, STEP_SCALES, share, PRIOR_OFFSET**-2.0)
-    return SymmetryFit(np.full(3, np.nan), centre, weight / max(len(points), 1))
+    center, weight = fitted_sphere(points, normals, point, STEP_SCALES, share, PRIOR_OFFSET**-2.0)
+    return SymmetryFit(np.full(3, np.nan), center, weight / max(len(points), 1))

@@ -201,10 +201,10 @@ def _facing(path: Path, fingers: list[Array]) -> tuple[float, Array]:
     Raises:
         FormatError: all bodies are on one side.
     """
-    centre = float(np.mean([points[:, 1].mean() for points in fingers]))
+    center = float(np.mean([points[:, 1].mean() for points in fingers]))
     sides: tuple[list[Array], list[Array]] = ([], [])
     for points in fingers:
-        sides[int(points[:, 1].mean() >= centre)].append(points)
+        sides[int(points[:, 1].mean() >= center)].append(points)
     if not all(sides):
         raise FormatError(path, "has fingers that do not face each other", WRITE_BY_HAND)
     first, second = map(np.concatenate, sides)

@@ -40,7 +40,7 @@ from pipelines.grasping.scene import RegionCloud, SceneCloud
 
 MIN_POINTS = 20  # fewer points show no surface
 MOST = 0.9  # of the region's points: share inside the radius for off-centre grasps
-OFF_CENTRE = 0.5  # stability lost by a grasp at the region's rim
+OFF_CENTER = 0.5  # stability lost by a grasp at the region's rim
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ class RegionPlanner:
         The most stable pairs are tried first; `max_ranked` feasible grasps are ranked.
         """
         base = GraspPoses.from_contacts(candidates.contacts, candidates.approach)
-        stability = candidates.quality * _centredness(base, context.region)
+        stability = candidates.quality * _centeredness(base, context.region)
         order = np.argsort(-stability, kind="stable")
         grasps, row = feasibility.reachable(base[order], candidates.angles)
         pair = order[row]
@@ -182,9 +182,9 @@ class RegionPlanner:
         return both[non_maximum_suppression(both.grasps, *near)]
 
 
-def _centredness(grasps: GraspPoses, region: RegionCloud) -> Array:
+def _centeredness(grasps: GraspPoses, region: RegionCloud) -> Array:
     """Return the nearness (n,) of grasps to the region's middle: 1 there, less toward the rim."""
-    centre = region.middle
-    radius = quantiles(np.linalg.norm(region.points - centre, axis=1), MOST)
-    off = np.linalg.norm(grasps.translation - centre, axis=1) / max(float(radius), 1e-3)
-    return np.asarray(1.0 - OFF_CENTRE * np.minimum(off, 1.0))
+    center = region.middle
+    radius = quantiles(np.linalg.norm(region.points - center, axis=1), MOST)
+    off = np.linalg.norm(grasps.translation - center, axis=1) / max(float(radius), 1e-3)
+    return np.asarray(1.0 - OFF_CENTER * np.minimum(off, 1.0))

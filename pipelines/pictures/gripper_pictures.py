@@ -20,19 +20,19 @@ def draw_gripper(gripper: Gripper) -> ColorImage:
     low, high = float(boxes[..., 0].min()), float(boxes[..., 0].max())
     lines = _measure_lines(gripper)
     height = max(round((high - low) * PIXELS_PER_METRE), 18 * len(lines)) + 2 * EDGE
-    centres = [EDGE + reach[0] * PIXELS_PER_METRE]
-    centres.append(centres[0] + (reach[0] + reach[1]) * PIXELS_PER_METRE + EDGE)
-    words_at = round(centres[1] + reach[1] * PIXELS_PER_METRE) + EDGE
+    centers = [EDGE + reach[0] * PIXELS_PER_METRE]
+    centers.append(centers[0] + (reach[0] + reach[1]) * PIXELS_PER_METRE + EDGE)
+    words_at = round(centers[1] + reach[1] * PIXELS_PER_METRE) + EDGE
     picture = np.full((height, words_at + 300, 3), 255, np.uint8)
-    for axis, centre in zip((1, 2), centres, strict=True):
+    for axis, center in zip((1, 2), centers, strict=True):
         for box in boxes[::-1]:
-            x = np.rint(centre + box[:, axis] * PIXELS_PER_METRE).astype(int).tolist()
+            x = np.rint(center + box[:, axis] * PIXELS_PER_METRE).astype(int).tolist()
             y = np.rint(EDGE + (box[:, 0] - low) * PIXELS_PER_METRE).astype(int).tolist()
             for color, weight in ((BODY, -1), (LINE_COLOR, 1)):
                 cv2.rectangle(picture, (x[0], y[0]), (x[1], y[1]), color, weight)
     level = round(EDGE - low * PIXELS_PER_METRE)
     half = gripper.max_width / 2 * PIXELS_PER_METRE
-    ends = (round(centres[0] - half), level), (round(centres[0] + half), level)
+    ends = (round(centers[0] - half), level), (round(centers[0] + half), level)
     cv2.line(picture, *ends, CONTACT_LINE, 2)
     for row, line in enumerate(lines):
         place = (words_at, EDGE + 18 * row)

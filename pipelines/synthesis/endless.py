@@ -150,7 +150,7 @@ class EndlessScenes:
         scene, around = Scene(meshes, poses), layout.surroundings
         clouds: list[LabelledCloud] = []
         for T_world_cam in drawn_viewpoints(
-            layout.centre, config.views, intrinsics, rng, around.arc, around.elevations
+            layout.center, config.views, intrinsics, rng, around.arc, around.elevations
         ):
             perfect = rng.uniform() < config.perfect_share
             seen_by = "perfect" if perfect else sensor
@@ -203,7 +203,7 @@ class EndlessScenes:
         place = eye + rng.uniform(*OCCLUDER_REACH) * (hidden - eye) + rng.normal(0.0, 0.02, 3)
         drawn = self.objects[int(rng.choice(list(self.objects)))].scene
         turn = random_rotation(rng)
-        return drawn.mesh, make_pose(turn, place - turn @ drawn.centre)
+        return drawn.mesh, make_pose(turn, place - turn @ drawn.center)
 
 
 def window_of(intrinsics: Intrinsics, meshes: Sequence[Mesh], T_cam_obj: Array) -> Intrinsics:

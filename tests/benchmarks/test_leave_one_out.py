@@ -67,10 +67,10 @@ def test_a_named_rule_brings_the_rules_it_is_compared_with():
 
 def test_a_replaced_constant_is_restored_afterwards():
     rule = Rule("off-centre", "", replaced={"pipelines.grasping.planner.OFF_CENTRE": 0.0})
-    before = planner.OFF_CENTRE
+    before = planner.OFF_CENTER
     with left_out(rule, Memory()):
-        assert planner.OFF_CENTRE == 0.0
-    assert before == planner.OFF_CENTRE
+        assert planner.OFF_CENTER == 0.0
+    assert before == planner.OFF_CENTER
 
 
 def test_a_result_is_computed_once_for_equal_arguments_and_scope():

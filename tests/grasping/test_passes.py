@@ -28,7 +28,7 @@ def measured():
 
 def unseen_points(measured, *, others=True):
     """A completion of a point of the region and a point of another region."""
-    own, other = (measured.around.centre + offset for offset in (OWN, OTHERS))
+    own, other = (measured.around.center + offset for offset in (OWN, OTHERS))
     return Completion(own[None], other[None] if others else np.zeros((0, 3)))
 
 
@@ -36,9 +36,9 @@ def unseen_obstacles(checks, measured):
     """The sides of which the unseen point is an obstacle."""
     added = checks.around.all.points[len(measured.around.all.points) :]
     sides = {"own": OWN, "others": OTHERS}
-    centre = measured.around.centre
+    center = measured.around.center
     return {
-        name for name, at in sides.items() for point in added if np.allclose(point, centre + at)
+        name for name, at in sides.items() for point in added if np.allclose(point, center + at)
     }
 
 

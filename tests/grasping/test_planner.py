@@ -335,8 +335,8 @@ def test_a_neighbour_at_a_finger_forbids_the_grasp():
 def test_a_neighbour_nearby_lowers_the_clearance():
     clearances = []
     for gap in (0.02, 0.035):
-        neighbour = Box((0.05, 0.06, 0.12), (0.03 + gap + 0.025, 0, 0))
-        pose, scene, region = seen([Box((0.06, 0.06, 0.12)), neighbour])
+        neighbor = Box((0.05, 0.06, 0.12), (0.03 + gap + 0.025, 0, 0))
+        pose, scene, region = seen([Box((0.06, 0.06, 0.12)), neighbor])
         found = chosen(across_box(pose, [0.1], angles=STRAIGHT), region, scene)
         clearances.append(float(found.clearance[0]))
     assert clearances[0] < clearances[1]
@@ -366,9 +366,9 @@ def naive_choice(candidates, region, scene):
     """The free grasps, checked pair by pair and angle by angle against all points."""
     around = Feasibility.at(region, scene, GRIPPER, CHECKS, RANKING.clearance_cap).around.all
     base = GraspPoses.from_contacts(candidates.contacts, candidates.approach)
-    centre = np.median(region.points, axis=0)
-    radius = np.percentile(np.linalg.norm(region.points - centre, axis=1), 90)
-    off = np.linalg.norm(base.translation - centre, axis=1) / radius
+    center = np.median(region.points, axis=0)
+    radius = np.percentile(np.linalg.norm(region.points - center, axis=1), 90)
+    off = np.linalg.norm(base.translation - center, axis=1) / radius
     stability = candidates.quality * (1.0 - 0.5 * np.minimum(off, 1.0))
     found = []
     for pair in np.argsort(-stability, kind="stable"):
@@ -404,8 +404,8 @@ def test_the_choice_equals_that_of_checking_every_grasp_against_every_point(seed
     rng = np.random.default_rng(seed)
     # The plate, unlike the table, is below the lowest gripper.
     plate = Box((0.3, 0.1, 0.012), (0, -0.05, 0))
-    neighbour = Box((0.05, 0.05, 0.06), (0.08, 0.02, 0))
-    pose, scene, region = seen([Box((0.06, 0.08, 0.1)), neighbour, plate])
+    neighbor = Box((0.05, 0.05, 0.06), (0.08, 0.02, 0))
+    pose, scene, region = seen([Box((0.06, 0.08, 0.1)), neighbor, plate])
     heights = rng.uniform(0.005, highest, 40)
     candidates = replace(
         across_box(pose, heights, rng.normal(0, 0.003), rng.uniform(0.05, 0.09)),

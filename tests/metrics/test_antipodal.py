@@ -20,15 +20,15 @@ from tests.metrics.shapes import ball, box, gripper, random_grasps, surface
 
 few = settings(max_examples=10, deadline=None)
 seeds = st.integers(0, 2**32 - 1)
-CENTRED = GraspPoses(np.eye(3), np.zeros(3), np.array(0.04))
+CENTERED = GraspPoses(np.eye(3), np.zeros(3), np.array(0.04))
 ALONE = np.zeros((0, 3))  # points of other objects
 
 
 def test_a_centred_grasp_of_a_box_scores_one_by_both_scores():
     mesh = box(0.2, 0.04, 0.2)
     points, normals = surface(mesh)
-    assert contact_pair_score(close_fingers(mesh, CENTRED, 0.06)) == pytest.approx(1.0)
-    assert closing_region_score(points, normals, CENTRED, gripper(), ALONE) == pytest.approx(1.0)
+    assert contact_pair_score(close_fingers(mesh, CENTERED, 0.06)) == pytest.approx(1.0)
+    assert closing_region_score(points, normals, CENTERED, gripper(), ALONE) == pytest.approx(1.0)
 
 
 def test_a_tilted_grasp_scores_the_squared_cosine_by_both_scores():
@@ -54,7 +54,7 @@ def test_a_grasp_of_nothing_scores_zero():
 def test_another_object_between_the_fingers_scores_zero():
     points, normals = surface(box(0.2, 0.04, 0.2))
     foreign = np.array([[0.0, 0.021, 0.0]])
-    assert closing_region_score(points, normals, CENTRED, gripper(), foreign).tolist() == [0.0]
+    assert closing_region_score(points, normals, CENTERED, gripper(), foreign).tolist() == [0.0]
 
 
 def test_the_pair_score_is_bounded_by_the_smallest_friction():

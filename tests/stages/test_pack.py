@@ -245,8 +245,8 @@ def test_symmetries_in_the_camera_frame_are_symmetries_of_the_posed_points(seed)
             transform_points(pose, turned),
             atol=1e-9,
         )
-        centre = transform_points(pose, known.symmetries[4].point)
-        assert_allclose(slots.point[SPHERE_SLOT], centre, atol=1e-12)
+        center = transform_points(pose, known.symmetries[4].point)
+        assert_allclose(slots.point[SPHERE_SLOT], center, atol=1e-12)
 
 
 def changed_text(kind, old, new):

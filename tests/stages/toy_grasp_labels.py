@@ -41,7 +41,7 @@ def write_rects(root) -> None:
         for object_id in WIDTHS:
             grasp = best_grasp(object_id, files.frame_id)
             ends = np.stack([grasp.translation[0], grasp.contacts[0, 1]])
-            (centre, side) = CAMERA.project(ends)
-            rows.append([*centre, *side, 10.0, 1.0, object_id])
+            (center, side) = CAMERA.project(ends)
+            rows.append([*center, *side, 10.0, 1.0, object_id])
         rows.append([*rows[0][:6], 7])
         write_rect(files.path("rect"), np.array(rows))

@@ -24,7 +24,7 @@ def cloud(z):
     return np.dstack([np.zeros_like(z), np.zeros_like(z), z])
 
 
-def neighbours(z, mask, pixel):
+def neighbors(z, mask, pixel):
     """Yield the pixels connected to a pixel: the next along a row or column that has depth."""
     for direction in ((0, 1), (1, 0), (0, -1), (-1, 0)):
         for span in range(1, GAP + 1):
@@ -47,7 +47,7 @@ def flooded(z, mask):
         while todo:
             pixel = todo.pop()
             piece.add(pixel)
-            found = [each for each in neighbours(z, mask, pixel) if each in left]
+            found = [each for each in neighbors(z, mask, pixel) if each in left]
             left.difference_update(found)
             todo += found
         pieces.add(frozenset(piece))

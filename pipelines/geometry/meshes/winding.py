@@ -32,7 +32,7 @@ def looks_inward(mesh: Mesh) -> Mask:
     from both sides, as from a leaf of paper, or no rays, as from the wall of a closed hollow, the
     sheet is turned as most other sheets are.
     """
-    pairs, opposed = _neighbours(mesh.faces)
+    pairs, opposed = _neighbors(mesh.faces)
     against, sheet = _against_first(len(mesh.faces), pairs, opposed)
     if mesh.is_watertight and not against.any():
         a, b, c = mesh.triangles.swapaxes(0, 1)
@@ -66,7 +66,7 @@ def _turned(mesh: Mesh, which: Mask) -> Mesh:
     return replace(mesh, faces=np.where(which[:, None], mesh.faces[:, ::-1], mesh.faces))
 
 
-def _neighbours(faces: Indices) -> tuple[Indices, Mask]:
+def _neighbors(faces: Indices) -> tuple[Indices, Mask]:
     """Return the pairs (e, 2) of triangles that share an edge, and a mask (e,) of opposed pairs."""
     edges = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     rising = edges[:, 0] < edges[:, 1]
@@ -133,9 +133,9 @@ def _samples(mesh: Mesh, sheet: Indices, rng: np.random.Generator) -> tuple[Arra
     starts = np.flatnonzero(np.diff(sheet[order], prepend=-1))
     place = np.arange(len(order)) - np.repeat(starts, np.diff(starts, append=len(order)))
     some = order[place < SAMPLES_A_SHEET]
-    centres = mesh.triangles[some].mean(axis=1)
+    centers = mesh.triangles[some].mean(axis=1)
     return (
-        np.concatenate([points, centres]),
+        np.concatenate([points, centers]),
         np.concatenate([normals, mesh.face_normals[some]]),
         np.concatenate([triangle, some]),
     )

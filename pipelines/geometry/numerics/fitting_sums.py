@@ -56,12 +56,12 @@ def axis_sums(
     rows: Array,  # (n, 6) points x normals, and normals, metres
     squares: Array,  # (n, 36) outer products of the rows with themselves
     axis: Array,  # (k, 3) unit vectors
-    centre: Array,  # (k, 3) a point of each axis, metres
+    center: Array,  # (k, 3) a point of each axis, metres
     basis: Array,  # (k, 3, 2) directions across the start axes
     scale: float,  # Tukey's scale, metres
 ) -> Sums:
     """Return the sums of k axes; a residual is the distance of a normal's line from the axis."""
-    forms = _axis_forms(axis, centre, basis)
+    forms = _axis_forms(axis, center, basis)
     weight, total = _axis_weights(forms[:, 0] @ rows.T, axis @ rows[:, 3:].T, scale)
     # Residuals and derivatives are linear in the rows, so their sums are linear in the squares.
     moment = (weight @ squares).reshape(-1, 6, 6)
@@ -70,11 +70,11 @@ def axis_sums(
 
 
 @compiled
-def _axis_forms(axis: Array, centre: Array, basis: Array) -> Array:
+def _axis_forms(axis: Array, center: Array, basis: Array) -> Array:
     """Return forms (k, 5, 6) that map a row to sine times residual, and to its derivatives."""
     forms = np.zeros((len(axis), 5, 6))
     for k in range(len(axis)):
-        along, c = _row(axis, k), _row(centre, k)
+        along, c = _row(axis, k), _row(center, k)
         sides = _column(basis, k, 0), _column(basis, k, 1)
         # (n x v) . (p - c) = v . (p x n) - n . (v x c)
         arm = _cross(along, c)
@@ -214,20 +214,20 @@ def fitted_sphere(
 
     A point farther than a scale from the median radius has weight 0.
     """
-    centre, total = start, 0.0
+    center, total = start, 0.0
     for scale in scales.tolist():
-        distance = _distances(points, centre)
+        distance = _distances(points, center)
         radius = float(np.median(distance))
-        spread, pull = precision * np.eye(3), precision * (start - centre)
-        total = _add_lines(points, normals, centre, distance, (radius, scale, share), spread, pull)
-        centre = centre + np.linalg.solve(spread, pull)
-    return centre, total
+        spread, pull = precision * np.eye(3), precision * (start - center)
+        total = _add_lines(points, normals, center, distance, (radius, scale, share), spread, pull)
+        center = center + np.linalg.solve(spread, pull)
+    return center, total
 
 
 @compiled
-def _distances(points: Array, centre: Array) -> Array:
-    """Return the distance (n,) of each of `points` (n, 3) from `centre` (3,)."""
-    distance, middle = np.empty(len(points)), (centre[0], centre[1], centre[2])
+def _distances(points: Array, center: Array) -> Array:
+    """Return the distance (n,) of each of `points` (n, 3) from `center` (3,)."""
+    distance, middle = np.empty(len(points)), (center[0], center[1], center[2])
     for n in range(len(points)):
         foot = _minus(_row(points, n), middle)
         distance[n] = np.sqrt(_dot(foot, foot))
@@ -238,7 +238,7 @@ def _distances(points: Array, centre: Array) -> Array:
 def _add_lines(
     points: Array,
     normals: Array,
-    centre: Array,
+    center: Array,
     distance: Array,  # (n,) of the points from the centre
     scales: Vector,  # radius, Tukey's scale, and the factor of the sums
     spread: Array,  # (3, 3) the matrix of the step, added to
@@ -246,7 +246,7 @@ def _add_lines(
 ) -> float:
     """Add the lines of n normals to the equations of a centre's step; return the weights' sum."""
     (radius, scale, share), total = scales, 0.0
-    middle = centre[0], centre[1], centre[2]
+    middle = center[0], center[1], center[2]
     for n in range(len(points)):
         if abs(distance[n] - radius) < scale:
             foot, normal = _minus(_row(points, n), middle), _row(normals, n)

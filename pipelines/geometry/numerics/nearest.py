@@ -16,7 +16,7 @@ ABREAST = 16  # distances compared at once
 
 
 @dataclass(frozen=True)
-class Neighbours:
+class Neighbors:
     """Points to search for nearest neighbours, any frame, metres."""
 
     points: Array  # (n, 3)
@@ -24,7 +24,7 @@ class Neighbours:
     about: Singles  # (3, n) the points relative to `middle`, in single precision
 
     @classmethod
-    def of(cls, points: Array) -> "Neighbours":
+    def of(cls, points: Array) -> "Neighbors":
         """Return the search structure of `points` (n, 3)."""
         middle = points.mean(axis=0)
         return cls(points, middle, np.ascontiguousarray((points - middle).T, np.float32))

@@ -23,7 +23,7 @@ class PointCells:
     index: Indices  # (n,) index of each point in the original array, cube by cube
     points: Singles  # (3, n) points, cube by cube
     start: Indices  # (c + 1,) first index of each cube in `index` and `points`, and n
-    centre: Singles  # (3, c) centres of balls around the points of each cube
+    center: Singles  # (3, c) centres of balls around the points of each cube
     radius: Singles  # (c,) radii of these balls
 
     @classmethod
@@ -113,11 +113,11 @@ def _gathered(
             low[axis, c] = min(low[axis, c], points[n, axis])
             high[axis, c] = max(high[axis, c], points[n, axis])
         free[c] += 1
-    centre, radius = np.empty((3, len(count)), np.float32), np.empty(len(count), np.float32)
+    center, radius = np.empty((3, len(count)), np.float32), np.empty(len(count), np.float32)
     for c in range(len(count)):
         square = 0.0
         for axis in range(3):
-            centre[axis, c] = 0.5 * (low[axis, c] + high[axis, c])
+            center[axis, c] = 0.5 * (low[axis, c] + high[axis, c])
             square += (high[axis, c] - low[axis, c]) ** 2
         radius[c] = 0.5 * np.sqrt(square) + BALL_MARGIN
-    return index, ordered, start, centre, radius
+    return index, ordered, start, center, radius

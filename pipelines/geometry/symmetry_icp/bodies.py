@@ -118,21 +118,21 @@ def sphere_fit(surface: SeenSurface, space: FreeSpace) -> BodyFit:
     across = np.eye(3) - normals[:, :, None] * normals[:, None]
     meeting = np.linalg.pinv(across.sum(axis=0)) @ np.einsum("nij,nj->i", across, points)
     step = _least(lambda s: np.minimum(_sphere_errors(surface, meeting + s), MAX_ERROR), 3)
-    centre = meeting + step
-    error = _mean_error(_sphere_errors(surface, centre))
+    center = meeting + step
+    error = _mean_error(_sphere_errors(surface, center))
     axes = unit(np.random.default_rng(0).normal(size=(SPHERE_AXES, 3)))
-    turned = [RotationSymmetry(axis, centre).turn(points, TURNS) for axis in axes]
+    turned = [RotationSymmetry(axis, center).turn(points, TURNS) for axis in axes]
     occlusion = float(space.occupancy_error(np.concatenate(turned)).max(axis=0).mean())
-    covered = spread_directions(DIRECTIONS) @ unit(points - centre).T > COVER_COSINE
+    covered = spread_directions(DIRECTIONS) @ unit(points - center).T > COVER_COSINE
     coverage = float(covered.any(axis=1).mean())
     accepted = error < MAX_SYMMETRY and occlusion < MAX_OCCLUSION
     accepted &= coverage > MIN_SPHERE_COVERAGE
-    return BodyFit(SphereSymmetry(centre), error, occlusion, coverage, accepted)
+    return BodyFit(SphereSymmetry(center), error, occlusion, coverage, accepted)
 
 
-def _sphere_errors(surface: SeenSurface, centre: Array) -> Array:
-    """Return the angles (n,) in radians between normals and directions away from `centre`."""
-    cosine = np.einsum("ni,ni->n", surface.normals, unit(surface.points - centre))
+def _sphere_errors(surface: SeenSurface, center: Array) -> Array:
+    """Return the angles (n,) in radians between normals and directions away from `center`."""
+    cosine = np.einsum("ni,ni->n", surface.normals, unit(surface.points - center))
     return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 

@@ -17,7 +17,7 @@ REACH = 0.15  # metres about the region that the field covers
 FREE_MARGIN = 0.01  # metres before a measured surface, where a cell is not yet free
 MIN_FREE, MAX_FREE = 0.01, 0.03  # metres from the nearest obstacle: not, and fully, in free space
 RIM = 0.01  # metres from the cloud's edge within which points are left out
-RIM_NEIGHBOURS = 20
+RIM_NEIGHBORS = 20
 RIM_GAP = np.pi / 2  # angle without a neighbour at a point of the edge
 
 
@@ -49,7 +49,7 @@ class SeenSurface:
 
     def _rim(self) -> Mask:
         """Return a mask (n,) of points with neighbours on one side only, in the tangent plane."""
-        count = min(RIM_NEIGHBOURS, len(self) - 1)
+        count = min(RIM_NEIGHBORS, len(self) - 1)
         if count < 2:
             return np.ones(len(self), bool)
         near = np.asarray(cKDTree(self.points).query(self.points, count + 1)[1])[:, 1:]
@@ -94,11 +94,11 @@ class FreeSpace:
         low = points.min(axis=0) - REACH
         size = np.ceil((points.max(axis=0) + REACH - low) / CELL).astype(int) + 1
         grid = np.stack(np.meshgrid(*map(np.arange, size), indexing="ij"), axis=-1)
-        centres = (low + CELL * grid).reshape(-1, 3)
-        pixels, inside = intrinsics.pixels_of(centres)
-        free = np.zeros(len(centres), bool)
+        centers = (low + CELL * grid).reshape(-1, 3)
+        pixels, inside = intrinsics.pixels_of(centers)
+        free = np.zeros(len(centers), bool)
         columns, rows = pixels[inside].T
-        free[inside] = depth[rows, columns] > centres[inside, 2] + FREE_MARGIN
+        free[inside] = depth[rows, columns] > centers[inside, 2] + FREE_MARGIN
         distance = CELL * distance_transform_edt(free.reshape(size))
         return cls(low, np.minimum(distance, MAX_FREE), table)
 

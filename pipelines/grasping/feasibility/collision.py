@@ -40,7 +40,7 @@ class Obstacles:
         return _about_middle(self.points)
 
     @property
-    def centre(self) -> Array:
+    def center(self) -> Array:
         """(3,) their mean; single precision is a micrometre at arm's length, and finer near it."""
         return self._about[0]
 
@@ -48,7 +48,7 @@ class Obstacles:
     def cells(self) -> Cells:
         """The points in cubes about the centre, for the compiled loops of `gripper_bodies`."""
         cells = PointCells.of(self._about[1], CELL)
-        return cells.points, self.count[cells.index], cells.start, cells.centre, cells.radius
+        return cells.points, self.count[cells.index], cells.start, cells.center, cells.radius
 
 
 def bodies_meet(
@@ -103,9 +103,9 @@ def lowest_height(grasps: GraspPoses, gripper: Gripper, plane: Plane) -> Array:
 
 
 def _bodies(grasps: GraspPoses, gripper: Gripper, obstacles: Obstacles) -> tuple[Singles, Singles]:
-    """Return matrices (n, 3, 4) from `obstacles.centre` into grasp frames, and bounds (n, 9)."""
+    """Return matrices (n, 3, 4) from `obstacles.center` into grasp frames, and bounds (n, 9)."""
     rotation, translation = map(np.ascontiguousarray, (grasps.rotation, grasps.translation))
-    frames = frames_about(rotation, translation, obstacles.centre)
+    frames = frames_about(rotation, translation, obstacles.center)
     return frames, gripper.bounds(grasps.width).astype(np.float32)
 
 

@@ -20,15 +20,15 @@ Cells = tuple[Singles, Counts, Counts, Singles, Singles]
 
 
 @compiled
-def frames_about(rotation: Array, translation: Array, centre: Array) -> Singles:
-    """Return matrices (k, 3, 4) into the frames of k grasps, from coordinates about `centre`."""
+def frames_about(rotation: Array, translation: Array, center: Array) -> Singles:
+    """Return matrices (k, 3, 4) into the frames of k grasps, from coordinates about `center`."""
     frames = np.empty((len(rotation), 3, 4), np.float32)
     for k in range(len(rotation)):
         for axis in range(3):
             origin = 0.0
             for i in range(3):
                 frames[k, axis, i] = rotation[k, i, axis]
-                origin += (translation[k, i] - centre[i]) * rotation[k, i, axis]
+                origin += (translation[k, i] - center[i]) * rotation[k, i, axis]
             frames[k, axis, 3] = -origin
     return frames
 
@@ -98,13 +98,13 @@ def nearest_gaps(frames: Singles, bounds: Singles, cap: Single, cells: Cells) ->
 
     Arguments are those of `points_met`.
     """
-    points, _, start, centre, radius = cells
+    points, _, start, center, radius = cells
     nearest, least = np.empty(len(frames), np.float32), np.empty(len(radius), np.float32)
     for k in range(len(frames)):
         frame, bodies = _frame(frames[k]), _bodies(bounds[k], Single(0.0))
         inner, first, gap = bounds[k, 6], 0, cap
         for c in range(len(radius)):
-            place = _local(frame, centre[0, c], centre[1, c], centre[2, c])
+            place = _local(frame, center[0, c], center[1, c], center[2, c])
             least[c] = np.sqrt(_gap(bodies, inner, place)) - radius[c]
         for c in range(len(radius)):
             first = c if least[c] < least[first] else first
@@ -129,10 +129,10 @@ def _is_blocked(
 
     If not, `near` (c,) is set to the cubes with possible points in a body or between the fingers.
     """
-    points, count, start, centre, radius = cells
+    points, count, start, center, radius = cells
     bodies, inner, met = _bodies(bounds, margin), bounds[6] - margin, 0
     for c in range(len(radius)):
-        place = _local(frame, centre[0, c], centre[1, c], centre[2, c])
+        place = _local(frame, center[0, c], center[1, c], center[2, c])
         near[c] = _gap(bodies, Single(0.0), place) <= radius[c] * radius[c]
     for c in range(len(radius)):
         if not near[c]:
@@ -149,13 +149,13 @@ def _is_blocked(
 @compiled
 def _enclosed(frame: GraspFrame, bounds: Singles, cells: Cells, near: Mask) -> Single:
     """Return the enclosed height of points between the fingers, metres, from cubes `near` (c,)."""
-    points, _, start, centre, radius = cells
+    points, _, start, center, radius = cells
     back, tip, half, inner = bounds[0], bounds[1], bounds[4], bounds[6]
     deepest = Single(0.0)
     for c in range(len(radius)):
         if not near[c]:
             continue
-        along, across, height = _local(frame, centre[0, c], centre[1, c], centre[2, c])
+        along, across, height = _local(frame, center[0, c], center[1, c], center[2, c])
         if max(along - (tip - deepest), across - inner, height - half) > radius[c]:
             continue
         for n in range(start[c], start[c + 1]):

@@ -25,14 +25,14 @@ class Surroundings:
         all: points above the floor, one per cell, including the region: measured, and unseen ones
             that `with_unseen` adds.
         others: measured points outside of the region, including points beneath the floor.
-        centre: (3,) metres, centre of the ball that contains the points.
+        center: (3,) metres, centre of the ball that contains the points.
         radius: metres, radius of this ball.
         floor: plane that no gripper goes beneath; None without one.
     """
 
     all: Obstacles
     others: Obstacles
-    centre: Array
+    center: Array
     radius: float
     floor: Plane | None
 
@@ -47,27 +47,27 @@ class Surroundings:
     ) -> "Surroundings":
         """Return the points within `reach` metres of the region's ball, thinned to `resolution`."""
         low, high = region.points.min(axis=0), region.points.max(axis=0)
-        centre, radius = (low + high) / 2.0, float(np.linalg.norm(high - low)) / 2.0 + reach
-        window = _window(centre, radius, scene.intrinsics, scene.depth.shape)
+        center, radius = (low + high) / 2.0, float(np.linalg.norm(high - low)) / 2.0 + reach
+        window = _window(center, radius, scene.intrinsics, scene.depth.shape)
         above, above_count, others, other_count = _cells_about(
             scene.depth,
             scene.intrinsics.image_plane,
             region.mask,
             window,
-            centre,
+            center,
             radius,
             resolution,
             _numbers(floor),
         )
         everything, foreign = Obstacles(above, above_count), Obstacles(others, other_count)
-        return cls(everything, foreign, centre, radius, floor)
+        return cls(everything, foreign, center, radius, floor)
 
     def with_unseen(self, points: Array) -> "Surroundings":
         """Return the surroundings with those of `points` (m, 3) in the ball and above the floor.
 
         `points` are known by symmetry alone; each counts as one measured point in `all`.
         """
-        near = _within(points, self.centre, self.radius, _numbers(self.floor))
+        near = _within(points, self.center, self.radius, _numbers(self.floor))
         if not len(near):
             return self
         joined = np.concatenate([self.all.points, points.take(near, axis=0)])
@@ -76,10 +76,10 @@ class Surroundings:
 
 
 def _window(
-    centre: Array, radius: float, camera: Intrinsics, shape: tuple[int, ...]
+    center: Array, radius: float, camera: Intrinsics, shape: tuple[int, ...]
 ) -> tuple[int, int, int, int]:
     """Return the rows and columns, as start and stop, in which a ball can be seen."""
-    x, y, z = centre.tolist()
+    x, y, z = center.tolist()
     rows = _span(y, z, radius, (camera.fy, camera.cy), shape[0])
     columns = _span(x, z, radius, (camera.fx, camera.cx), shape[1])
     return *rows, *columns
@@ -107,12 +107,12 @@ def _numbers(floor: Plane | None) -> Floor:
 
 
 @compiled
-def _within(points: Array, centre: Array, radius: float, floor: Floor) -> Counts:
+def _within(points: Array, center: Array, radius: float, floor: Floor) -> Counts:
     """Return indices of `points` (n, 3) in a ball and above the floor."""
     found, count = np.empty(len(points), np.int64), 0
     for n in range(len(points)):
         x, y, z = points[n, 0], points[n, 1], points[n, 2]
-        u, v, w = x - centre[0], y - centre[1], z - centre[2]
+        u, v, w = x - center[0], y - center[1], z - center[2]
         found[count] = n
         count += (u * u + v * v + w * w < radius * radius) & _is_above(floor, x, y, z)
     return found[:count]
@@ -129,7 +129,7 @@ def _cells_about(
     image_plane: tuple[Array, Array],
     own: Mask,
     window: tuple[int, int, int, int],
-    centre: Array,
+    center: Array,
     radius: float,
     cell: float,
     floor: Floor,
@@ -152,7 +152,7 @@ def _cells_about(
         for j in range(left, right):
             z = depth[i, j]
             x, y = image_plane[0][j] * z, image_plane[1][i] * z
-            u, v, w = x - centre[0], y - centre[1], z - centre[2]
+            u, v, w = x - center[0], y - center[1], z - center[2]
             if not ((z > 0) & (u * u + v * v + w * w < radius * radius)):
                 continue
             at_xy = int((u + radius) * per_metre) * side + int((v + radius) * per_metre)

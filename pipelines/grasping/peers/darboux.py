@@ -12,7 +12,7 @@ from pipelines.geometry.transforms import cross
 from pipelines.grasping.peers.hands import Hands, free_hands
 
 MIN_HEIGHT, MAX_HEIGHT = 0.006, 0.5  # metres over the table: lower is table, higher no object
-NORMAL_NEIGHBOURS, FRAME_NEIGHBOURS = 10, 40
+NORMAL_NEIGHBORS, FRAME_NEIGHBORS = 10, 40
 RADIUS = 0.01  # metres, radius of the neighbours for a normal and for a frame
 DEPTH = 0.02  # metres from a candidate's point to its finger tips
 
@@ -27,11 +27,11 @@ def over_table(points: Array, table: Plane | None) -> Array:
 
 def outward_normals(points: Array) -> Array:
     """Return unit normals (n, 3) of a thinned cloud, toward the camera."""
-    index, there = _near(points, points, NORMAL_NEIGHBOURS)
+    index, there = _near(points, points, NORMAL_NEIGHBORS)
     about = np.where(there[..., None], points[index], 0.0)
     mean = about.sum(axis=1) / there.sum(axis=1)[:, None]  # each point is its own neighbour
-    centred = np.where(there[..., None], about - mean[:, None], 0.0)
-    normals = np.linalg.eigh(np.einsum("nki,nkj->nij", centred, centred))[1][..., 0]
+    centered = np.where(there[..., None], about - mean[:, None], 0.0)
+    normals = np.linalg.eigh(np.einsum("nki,nkj->nij", centered, centered))[1][..., 0]
     away = np.einsum("ni,ni->n", normals, points) > 0
     return np.where(away[:, None], -normals, normals)
 
@@ -47,7 +47,7 @@ def darboux_frames(at: Array, points: Array, normals: Array) -> Array:
         points: (n, 3) points of the surface.
         normals: (n, 3) outward normals of `points`.
     """
-    index, there = _near(at, points, FRAME_NEIGHBOURS)
+    index, there = _near(at, points, FRAME_NEIGHBORS)
     near = np.where(there[..., None], normals[index], 0.0)
     axes = np.linalg.eigh(np.einsum("nki,nkj->nij", near, near))[1]
     inward = np.einsum("ni,ni->n", axes[..., 2], near.sum(axis=1)) < 0

@@ -60,8 +60,8 @@ class GraspMaps:
         y, x = peaks(quality)
         q, c, s, w = (each[y, x].astype(np.float64) for each in (quality, cos, sin, width))
         opening = WIDEST * np.clip(w, 0.0, 1.0)
-        centre = np.stack([x, y], axis=1).astype(np.float64)
-        return rectangle_rows(centre, 0.5 * np.arctan2(s, c), opening, 0.5 * opening, q)
+        center = np.stack([x, y], axis=1).astype(np.float64)
+        return rectangle_rows(center, 0.5 * np.arctan2(s, c), opening, 0.5 * opening, q)
 
     def width_of_grasps(self) -> Singles:
         """Return the width (h, w) of a grasp at each pixel, assuming that there is a grasp."""

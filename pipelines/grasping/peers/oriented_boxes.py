@@ -33,8 +33,8 @@ def rows_of_boxes(boxes: Array, classes: NDArray[np.integer], score: Array) -> A
     """Return rectangles (n, 7) of `boxes` (n, 4) with `classes` (n,) and `score` (n,)."""
     angle = np.radians(CLASS_DEGREES * (classes - 1) - 90.0)
     size = boxes[:, 2:] - boxes[:, :2]
-    centre = 0.5 * (boxes[:, 2:] + boxes[:, :2])
-    return rectangle_rows(centre, angle, size[:, 0], size[:, 1], score)
+    center = 0.5 * (boxes[:, 2:] + boxes[:, :2])
+    return rectangle_rows(center, angle, size[:, 0], size[:, 1], score)
 
 
 def spread_rows(rows: Array, most: int) -> Indices:

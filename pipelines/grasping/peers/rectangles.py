@@ -24,20 +24,20 @@ MIN_LINE = 1e-6  # metres; a shorter line has no direction
 
 
 def rectangle_rows(
-    centre: Array, angle: Array, opening: Array, height: Array, score: Array
+    center: Array, angle: Array, opening: Array, height: Array, score: Array
 ) -> Array:
     """Return rows (n, 7), object id -1, of rectangles.
 
     Args:
-        centre: (n, 2) pixels.
+        center: (n, 2) pixels.
         angle: (n,) radians of the opening line, counter-clockwise on the screen.
         opening: (n,) pixels.
         height: (n,) pixels.
         score: (n,).
     """
     along = np.stack([np.cos(angle), -np.sin(angle)], axis=1)
-    side = centre + 0.5 * opening[:, None] * along
-    return np.column_stack([centre, side, height, score, np.full(len(centre), -1.0)])
+    side = center + 0.5 * opening[:, None] * along
+    return np.column_stack([center, side, height, score, np.full(len(center), -1.0)])
 
 
 def angles(rows: Array) -> Array:
@@ -57,9 +57,9 @@ def corners(rows: Array, share: float = 1.0) -> Array:
     half = share * (rows[:, 2:4] - rows[:, :2])
     length = np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-9)
     across = np.stack([-half[:, 1], half[:, 0]], axis=1) / length * (0.5 * rows[:, 4:5])
-    centre = rows[:, :2]
-    ends = [centre + half + across, centre + half - across]
-    return np.stack([*ends, centre - half - across, centre - half + across], axis=1)
+    center = rows[:, :2]
+    ends = [center + half + across, center + half - across]
+    return np.stack([*ends, center - half - across, center - half + across], axis=1)
 
 
 def on_their_object(rows: Array, label: NDArray[np.integer]) -> Mask:

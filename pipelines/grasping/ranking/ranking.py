@@ -48,16 +48,16 @@ def eq8_score(clearance: ArrayLike, enclosed_height: ArrayLike, config: RankingC
 def critic_score(features: GraspFeatures, critic: Critic, config: RankingConfig) -> Array:
     """Return the expected quality (k,), reduced by the torque of the weight (D. 143)."""
     context = features.context
-    arm = torque_arm(features.feasible.grasps, context.centre, context.up)
+    arm = torque_arm(features.feasible.grasps, context.center, context.up)
     return np.asarray(critic(features) / (1.0 + (arm / config.half_torque_arm) ** 2))
 
 
-def torque_arm(grasps: GraspPoses, centre: Array, up: Array) -> Array:
-    """Return the lever arm (n,), metres, of a weight at `centre` (3,) about the closing line.
+def torque_arm(grasps: GraspPoses, center: Array, up: Array) -> Array:
+    """Return the lever arm (n,), metres, of a weight at `center` (3,) about the closing line.
 
     The arm is 0 for a centre on the line or straight below.
     """
-    moment = np.cross(centre - grasps.translation, up)
+    moment = np.cross(center - grasps.translation, up)
     return np.asarray(np.abs((moment * grasps.closing).sum(axis=1)))
 
 

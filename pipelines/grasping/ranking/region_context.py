@@ -38,16 +38,16 @@ class RegionContext:
         return UNKNOWN_UP if self.scene.plane is None else self.scene.plane.normal
 
     @cached_property
-    def centre(self) -> Array:
+    def center(self) -> Array:
         """Expected centre of mass (3,): the middle, moved toward each symmetry (D. 143).
 
         The share of the distance is the confidence in the symmetry.
         """
-        centre = self.region.middle
+        center = self.region.middle
         for slot, symmetry in self.symmetries.between(0.0):
-            across = symmetry.counterpart(centre) - centre
-            centre = centre + 0.5 * self.symmetries.probability[slot] * across
-        return centre
+            across = symmetry.counterpart(center) - center
+            center = center + 0.5 * self.symmetries.probability[slot] * across
+        return center
 
     def heights(self, points: Array) -> Array:
         """Return the height (...) of `points` (..., 3) above the table, metres, 0 without one."""

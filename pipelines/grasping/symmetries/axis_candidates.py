@@ -56,8 +56,8 @@ def middle_of_outline(points: Array, direction: Array) -> Array:
     """Return the centre (3,) of the smallest circle around `points` as seen along `direction`."""
     basis, middle = basis_from_direction(direction)[:, 1:], points.mean(axis=0)
     flat = (points - middle) @ basis
-    centre, _ = cv2.minEnclosingCircle(flat.astype(np.float32))
-    return np.asarray(middle + basis @ np.array(centre, np.float64))
+    center, _ = cv2.minEnclosingCircle(flat.astype(np.float32))
+    return np.asarray(middle + basis @ np.array(center, np.float64))
 
 
 def _lying(points: Array, along: list[Array], table: Plane) -> list[tuple[Array, Array]]:

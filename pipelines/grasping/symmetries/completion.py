@@ -53,7 +53,7 @@ def completions(
     for region, known in zip(regions, symmetries, strict=True):
         least = config.least_confidence
         sure = known.between(max(config.min_completion_confidence, least))
-        likely = known.between(max(config.min_neighbour_confidence, least))
+        likely = known.between(max(config.min_neighbor_confidence, least))
         beside.append(hidden_points(region, likely, scene, resolution))
         same = len(sure) == len(likely)  # the symmetries of the stricter bound are a subset
         own.append(beside[-1] if same else hidden_points(region, sure, scene, resolution))

@@ -13,7 +13,7 @@ import numpy as np
 from pipelines.array_types import Array, Indices, Mask, Singles
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.geometry.numerics.fitting_sums import mirror_images
-from pipelines.geometry.numerics.nearest import Neighbours
+from pipelines.geometry.numerics.nearest import Neighbors
 from pipelines.geometry.numerics.quantiles import quantiles
 from pipelines.geometry.symmetry import ReflectionSymmetry
 from pipelines.geometry.transforms import cross, unit
@@ -89,7 +89,7 @@ class MirrorImages:
         normal = np.array([plane.normal for plane in planes])
         point = np.array([plane.point for plane in planes])
         images = mirror_images(points[moved], normal, point)
-        distance, nearest = Neighbours.of(points).nearest(images)
+        distance, nearest = Neighbors.of(points).nearest(images)
         met = _meetings(images, nearest, points, normals, moved, normal)
         offset = np.einsum("ki,ki->k", normal, point)
         sides = quantiles(normal @ points.T, (ENDS[0], 0.5, ENDS[1])) - offset[:, None]

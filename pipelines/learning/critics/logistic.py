@@ -11,8 +11,8 @@ STEPS = 50  # steps of Newton's method
 
 def logistic_regression(columns: Floats, truth: Floats) -> Array:
     """Return constant and slopes (1 + f,) of a ridge regression of `truth` (n,) on (n, f)."""
-    centre, scale = columns.mean(axis=0), np.maximum(columns.std(axis=0), 1e-9)
-    rows = np.column_stack([np.ones(len(columns)), (columns - centre) / scale]).astype(np.float64)
+    center, scale = columns.mean(axis=0), np.maximum(columns.std(axis=0), 1e-9)
+    rows = np.column_stack([np.ones(len(columns)), (columns - center) / scale]).astype(np.float64)
     ridge = np.full(rows.shape[1], RIDGE)
     ridge[0] = 0.0
     weights = np.zeros(rows.shape[1])
@@ -22,7 +22,7 @@ def logistic_regression(columns: Floats, truth: Floats) -> Array:
         slope = rows.T @ (truth - share) - ridge * weights
         weights = weights + np.linalg.solve(curvature, slope)
     slopes = weights[1:] / scale
-    return np.concatenate([[weights[0] - slopes @ centre], slopes])
+    return np.concatenate([[weights[0] - slopes @ center], slopes])
 
 
 def log_loss(log_odds: Array, truth: Array) -> float:

@@ -6,7 +6,7 @@ from pipelines.geometry.symmetry import Symmetry
 from pipelines.geometry.symmetry_error import symmetry_error
 from pipelines.metrics.symmetry_matching import TrueRegion, implied_symmetries, scored_symmetries
 
-CENTRE_OFFSET = 0.02  # metres between the centres of spheres, at most
+CENTER_OFFSET = 0.02  # metres between the centres of spheres, at most
 HIT_ERROR = 0.25  # dense symmetry error of a hit (Sec. IV-E, D. 11)
 # Largest error of a true symmetry, about half of HIT_ERROR: fingers need more precision than a hit.
 TRUE_ERROR = 0.134
@@ -24,7 +24,7 @@ def symmetry_truth(found: Symmetry, region: TrueRegion) -> float:
     listed = scored_symmetries(region, found.kind)
     if found.kind == "sphere":
         apart = [float(np.linalg.norm(found.point - each.point)) for each in listed]
-        return float(min(apart, default=np.inf) < CENTRE_OFFSET)
+        return float(min(apart, default=np.inf) < CENTER_OFFSET)
     near = [s for s in listed if abs(float(found.direction @ s.direction)) > ALIKE]
     error = min((symmetry_error(region.points, found, s) for s in near), default=np.inf)
     if error <= TRUE_ERROR:

@@ -21,10 +21,10 @@ SAME_SIDE_COSINE = 0.3  # between normals; excludes the other faces of an edge a
 ROUGH_PASSES = 3  # passes of averaging if noise has tilted the triangles
 ROUGH_AGREEMENT = 0.85  # factor: by passes neighbours share noise, a surface and its image do not
 ROUGH_SLOPE = 0.03  # noise over the distance of the measured neighbours
-NUM_PROBES, NUM_NEIGHBOURS = 500, 40  # places where noise is measured, and samples around each
+NUM_PROBES, NUM_NEIGHBORS = 500, 40  # places where noise is measured, and samples around each
 NUM_NEAREST = 10  # neighbours for the first fit at a place
 TUKEY = 7.0  # of the median distance from the fit; farther neighbours are on another face
-FAR_NEIGHBOURS = 24  # farther neighbours do not share averaged normals
+FAR_NEIGHBORS = 24  # farther neighbours do not share averaged normals
 AGREEING_COSINE = 0.85  # of two normals: 32 degrees
 
 
@@ -51,14 +51,14 @@ class Surface:
         points, normals, faces = sample_surface(mesh, num_samples, rng)
         tree = _tree(points)
         data = np.arange(0, num_samples, max(1, num_samples // NUM_PROBES))
-        found = tree.query(points[data], k=min(NUM_NEIGHBOURS, num_samples))
+        found = tree.query(points[data], k=min(NUM_NEIGHBORS, num_samples))
         distance, index = (np.asarray(part) for part in found)
         # Noise tilts triangles so far that their normals do not separate the sides of a thin wall.
         rough = _smoothed(tree, normals, ROUGH_PASSES)
         noise, slope = _noise(points[index] - points[data][:, None], rough[index], distance)
         is_rough = slope > ROUGH_SLOPE
         normals = rough if is_rough else _smoothed(tree, normals, 1)
-        agreement = _agreement(normals[index[:, FAR_NEIGHBOURS:]], normals[data])
+        agreement = _agreement(normals[index[:, FAR_NEIGHBORS:]], normals[data])
         agreement *= ROUGH_AGREEMENT if is_rough else 1.0
         rim = OpenBoundary.of(mesh)
         return cls(mesh.triangles, points, normals, faces, tree, rim, noise, agreement)
@@ -144,9 +144,9 @@ def _tree(points: Array) -> KDTree:
 def _smoothed(tree: KDTree, normals: Array, passes: int) -> Array:
     index = np.asarray(tree.query(tree.data, k=NUM_SMOOTHED)[1])
     for _ in range(passes):
-        neighbours = normals[index]  # (m, k, 3)
-        alike = np.einsum("mkd,md->mk", neighbours, normals) > SAME_SIDE_COSINE
-        normals = unit(np.einsum("mkd,mk->md", neighbours, alike.astype(np.float64)))
+        neighbors = normals[index]  # (m, k, 3)
+        alike = np.einsum("mkd,md->mk", neighbors, normals) > SAME_SIDE_COSINE
+        normals = unit(np.einsum("mkd,mk->md", neighbors, alike.astype(np.float64)))
     return normals
 
 
@@ -181,11 +181,11 @@ def _noise(near: Array, normals: Array, distance: Array) -> tuple[float, float]:
     return float(np.median(slope * reach[:, 0])), float(np.median(slope))
 
 
-def _agreement(neighbours: Array, normals: Array) -> float:
-    """Return the share of `neighbours` (p, k, 3) whose normals agree with `normals` (p, 3)."""
-    if not neighbours.size:
+def _agreement(neighbors: Array, normals: Array) -> float:
+    """Return the share of `neighbors` (p, k, 3) whose normals agree with `normals` (p, 3)."""
+    if not neighbors.size:
         return 1.0
-    cosine = np.abs(np.einsum("pkd,pd->pk", neighbours, normals))
+    cosine = np.abs(np.einsum("pkd,pd->pk", neighbors, normals))
     return float(np.mean(cosine > AGREEING_COSINE))
 
 

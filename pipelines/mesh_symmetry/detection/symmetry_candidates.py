@@ -59,8 +59,8 @@ def fibonacci_directions(count: int) -> Array:
 
 def principal_axis_rows(points: Array) -> Array:
     """Return the principal directions (3, 3) of `points` (n, 3) as rows, longest first."""
-    centred = points - points.mean(axis=0)
-    axes: Array = np.linalg.eigh(centred.T @ centred)[1].T[::-1]
+    centered = points - points.mean(axis=0)
+    axes: Array = np.linalg.eigh(centered.T @ centered)[1].T[::-1]
     return axes
 
 

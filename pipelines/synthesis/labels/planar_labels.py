@@ -35,16 +35,16 @@ def planar_rows(
     middle = origin - BASE * axes[:, 0]
     side = middle - 0.5 * opening[:, None] * axes[:, 1]
     corners = [side + sign * HALF_HEIGHT * axes[:, 2] for sign in (-1.0, 1.0)]
-    centre, opened, low, high = (intrinsics.project(p) for p in (middle, side, *corners))
+    center, opened, low, high = (intrinsics.project(p) for p in (middle, side, *corners))
     rows = np.column_stack(
         [
-            centre,
+            center,
             opened,
             np.linalg.norm(high - low, axis=1),
             SCORE_WITHOUT_FRICTION - friction,
             np.full(len(level), object_id),
         ]
     )
-    inside = (centre >= 0).all(axis=1)
-    inside &= (centre[:, 0] < intrinsics.width) & (centre[:, 1] < intrinsics.height)
+    inside = (center >= 0).all(axis=1)
+    inside &= (center[:, 0] < intrinsics.width) & (center[:, 1] < intrinsics.height)
     return rows[inside]

@@ -26,7 +26,7 @@ class Shape:
     solid: Solid
     symmetries: tuple[Symmetry, ...] = ()
 
-    def centred(self) -> "Shape":
+    def centered(self) -> "Shape":
         """Return the shape with the centre of its bounding box at the origin."""
         box = np.array(self.solid.body.bounding_box()).reshape(2, 3)
         shift = -box.mean(axis=0)

@@ -50,14 +50,14 @@ def look_at(eye: ArrayLike, target: ArrayLike, roll: float = 0.0) -> Array:
 
 
 def drawn_viewpoints(
-    centre: ArrayLike,  # metres, table frame
+    center: ArrayLike,  # metres, table frame
     count: int,
     intrinsics: Intrinsics,
     rng: np.random.Generator,
     arc: tuple[float, float] | None = None,  # azimuth's middle, half width, radians; None: all
     elevations: tuple[float, float] | None = None,  # lowest, highest, radians; None: `ELEVATIONS`
 ) -> Array:
-    """Return poses T_table_cam (count, 4, 4) spread around `centre` (3,), all above it."""
+    """Return poses T_table_cam (count, 4, 4) spread around `center` (3,), all above it."""
     # A camera with a long lens is farther away, so that it sees an equal part of the table.
     near, far = np.array(DISTANCES) * np.clip(intrinsics.fx / intrinsics.width / 0.7, 0.7, 1.3)
     shares = (np.arange(count) + 0.5) / count
@@ -69,7 +69,7 @@ def drawn_viewpoints(
     poses = []
     for azimuth in azimuths:
         elevation, distance = rng.uniform(low, high), rng.uniform(near, far)
-        target = np.asarray(centre, np.float64) + rng.normal(0.0, 0.03, 3) * [1, 1, 0]
+        target = np.asarray(center, np.float64) + rng.normal(0.0, 0.03, 3) * [1, 1, 0]
         eye = target + distance * direction_at(azimuth, elevation)
         poses.append(look_at(eye, target, rng.uniform(-MAX_ROLL, MAX_ROLL)))
     return np.stack(poses)

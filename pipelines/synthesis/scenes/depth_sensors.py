@@ -129,9 +129,9 @@ def _holes(shape: tuple[int, ...], sensor: DepthSensor, rng: np.random.Generator
     """Return the mask (H, W) of a few random holes."""
     blots = np.zeros(shape, np.uint8)
     for _ in range(rng.poisson(sensor.holes)):
-        centre = (int(rng.integers(shape[1])), int(rng.integers(shape[0])))
+        center = (int(rng.integers(shape[1])), int(rng.integers(shape[0])))
         axes = tuple(int(x) for x in rng.integers(1, max(3, shape[1] // 60), 2))
-        cv2.ellipse(blots, centre, axes, float(rng.uniform(0, 180)), 0, 360, 1, -1)
+        cv2.ellipse(blots, center, axes, float(rng.uniform(0, 180)), 0, 360, 1, -1)
     return blots > 0
 
 

@@ -61,7 +61,7 @@ def write_scene(
     intrinsics = sensor_intrinsics(sensor, config.width, config.height)
     around = layout.surroundings
     viewpoints = drawn_viewpoints(
-        layout.centre, config.views, intrinsics, rng, around.arc, around.elevations
+        layout.center, config.views, intrinsics, rng, around.arc, around.elevations
     )
     labelled = config.collision_labels and config.labels.num_points > 0
     free = _write_collisions(root, scene_id, layout, stamp) if labelled else []

@@ -32,19 +32,19 @@ class SettledScene:
 def drop_objects(
     pieces: Sequence[Sequence[Mesh]],
     rng: np.random.Generator,
-    centres: Array | None = None,
+    centers: Array | None = None,
     container: Container | None = None,
 ) -> SettledScene:
     """Drop objects, each given as convex `pieces` in its own frame, one above the other.
 
-    `centres`: (k, 3) metres, middle of each object in its frame, for placing and removing objects,
+    `centers`: (k, 3) metres, middle of each object in its frame, for placing and removing objects,
     since an origin may be far from its object; None: the origins. `container`: the objects fall
     into the container, and objects at rest outside are removed.
 
     Raises:
         SymgraspError: MuJoCo cannot make bodies from the pieces.
     """
-    middles = np.zeros((len(pieces), 3)) if centres is None else np.asarray(centres, np.float64)
+    middles = np.zeros((len(pieces), 3)) if centers is None else np.asarray(centers, np.float64)
     data = mujoco.MjData(model := _model_of(pieces, container.solids if container else ()))
     height, spread = container.floor if container else 0.0, rng.uniform(*DROP_RADIUS)
     for body, parts in enumerate(pieces):
@@ -73,9 +73,9 @@ def _place(spread: float, rng: np.random.Generator) -> list[float]:
     return [distance * np.cos(angle), distance * np.sin(angle)]
 
 
-def middles_of(poses: Array, centres: Array) -> Array:
-    """Return `centres` (k, 3), object frames, moved by `poses` (k, 4, 4): (k, 3) metres."""
-    turned = np.einsum("kij,kj->ki", poses[:, :3, :3], centres)
+def middles_of(poses: Array, centers: Array) -> Array:
+    """Return `centers` (k, 3), object frames, moved by `poses` (k, 4, 4): (k, 3) metres."""
+    turned = np.einsum("kij,kj->ki", poses[:, :3, :3], centers)
     return np.asarray(poses[:, :3, 3] + turned)
 
 

@@ -41,7 +41,7 @@ TABLE_SIZE = (0.7, 0.5)  # metres, half extents
 FLOOR_SIZE = 6.0
 FLOOR_HEIGHTS = (-0.9, -0.5)
 DROP_ATTEMPTS = 5
-CENTRED = 1e-6  # metres; a smaller offset of a mesh from its origin is rounding
+CENTERED = 1e-6  # metres; a smaller offset of a mesh from its origin is rounding
 
 
 @dataclass(frozen=True)
@@ -54,13 +54,13 @@ class SceneObject:
     pieces: Sequence[Mesh]
 
     @cached_property
-    def centre(self) -> Array:
+    def center(self) -> Array:
         """Middle (3,) of the bounding box, metres, object frame; exactly 0 for a centred mesh.
 
         The origin of a user's mesh may be at its foot, or metres away.
         """
         middle = np.asarray(self.mesh.bounds.mean(axis=0))
-        return middle if np.linalg.norm(middle) > CENTRED else np.zeros(3)
+        return middle if np.linalg.norm(middle) > CENTERED else np.zeros(3)
 
 
 @dataclass(frozen=True)
@@ -84,10 +84,10 @@ class SceneLayout:
     @property
     def middles(self) -> Array:
         """Middles (k, 3) of the objects, metres, table frame."""
-        return middles_of(self.poses, np.stack([item.centre for item in self.objects]))
+        return middles_of(self.poses, np.stack([item.center for item in self.objects]))
 
     @property
-    def centre(self) -> Array:
+    def center(self) -> Array:
         """Mean (3,) of the objects' middles, metres, table frame."""
         return np.asarray(self.middles.mean(axis=0))
 
@@ -134,9 +134,9 @@ def settle(
     Raises:
         SymgraspError: all of `DROP_ATTEMPTS` attempts fail.
     """
-    centres = np.stack([item.centre for item in objects])
+    centers = np.stack([item.center for item in objects])
     for _ in range(DROP_ATTEMPTS):
-        settled = drop_objects([item.pieces for item in objects], rng, centres, container)
+        settled = drop_objects([item.pieces for item in objects], rng, centers, container)
         if 2 * len(settled.index) >= len(objects):
             return SceneLayout(tuple(objects[i] for i in settled.index), settled.poses)
     raise SymgraspError(

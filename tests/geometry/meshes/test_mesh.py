@@ -31,8 +31,8 @@ def test_a_box_has_the_measures_of_a_box():
 
 
 def test_normals_point_out():
-    centres = BALL.triangles.mean(axis=1)
-    assert (np.einsum("fi,fi->f", BALL.face_normals, centres) > 0).all()
+    centers = BALL.triangles.mean(axis=1)
+    assert (np.einsum("fi,fi->f", BALL.face_normals, centers) > 0).all()
     assert_allclose(np.linalg.norm(BALL.face_normals, axis=1), 1.0)
 
 

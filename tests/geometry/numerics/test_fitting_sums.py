@@ -15,7 +15,7 @@ from pipelines.geometry.numerics.fitting_sums import (
     plane_sums,
     stepped,
 )
-from pipelines.geometry.numerics.nearest import Neighbours
+from pipelines.geometry.numerics.nearest import Neighbors
 from pipelines.geometry.symmetry import ReflectionSymmetry
 from pipelines.geometry.transforms import basis_from_direction, unit
 
@@ -32,8 +32,8 @@ def case(request):
     normals = unit(rng.normal(size=(count, 3)))
     points = 0.03 * normals + rng.normal(MIDDLE, 0.002, (count, 3))
     directions = unit(rng.normal(size=(starts, 3)))
-    centres = rng.normal(MIDDLE, 0.005, (starts, 3))
-    return points, normals, directions, centres
+    centers = rng.normal(MIDDLE, 0.005, (starts, 3))
+    return points, normals, directions, centers
 
 
 def sides_of(directions):
@@ -50,14 +50,14 @@ def biweight(residual, scale):
 
 
 def test_residuals_of_axes_are_distances_of_the_lines_of_normals(case):
-    points, normals, axes, centres = case
+    points, normals, axes, centers = case
     rows = np.concatenate([np.cross(points, normals), normals], axis=1)
     squares = (rows[:, :, None] * rows[:, None, :]).reshape(-1, 36)
     basis = sides_of(axes)
-    found = axis_sums(rows, squares, axes, centres, basis, SCALE)
-    for k, (axis, centre) in enumerate(zip(axes, centres, strict=True)):
+    found = axis_sums(rows, squares, axes, centers, basis, SCALE)
+    for k, (axis, center) in enumerate(zip(axes, centers, strict=True)):
         sine = np.sqrt(np.maximum(1.0 - (normals @ axis) ** 2, MIN_SLOPE**2))
-        lever = np.cross(points - centre, normals)  # v x n . (p - c) = v . (p - c) x n
+        lever = np.cross(points - center, normals)  # v x n . (p - c) = v . (p - c) x n
         residual = lever @ axis / sine
         turned = lever @ basis[k] / sine[:, None]
         shifted = -normals @ np.cross(axis, basis[k].T).T / sine[:, None]
@@ -82,7 +82,7 @@ def test_residuals_of_planes_are_distances_of_images_from_the_surface(case):
     basis = sides_of(planes)
     moved, facing = points[::EVERY].copy(), normals[::EVERY]
     images = mirror_images(moved, planes, at)
-    away, nearest = Neighbours.of(points).nearest(images)
+    away, nearest = Neighbors.of(points).nearest(images)
     surface = points, normals, EVERY, images, away, nearest
     found = plane_sums(*surface, planes, at, basis, SCALE)
     for k, (m, point) in enumerate(zip(planes, at, strict=True)):
@@ -122,16 +122,16 @@ def test_a_sphere_is_fitted_as_by_numpy_arrays(case):
         return  # no radius
     start, share, precision = points.mean(axis=0) + 0.01, 7e4, 4e3
     found, weight = fitted_sphere(points, normals, start, np.array(SCALES), share, precision)
-    centre = start
+    center = start
     for scale in SCALES:
-        foot = points - centre
+        foot = points - center
         distance = np.linalg.norm(foot, axis=1)
         passing = foot - np.einsum("ni,ni->n", foot, normals)[:, None] * normals
         known = biweight(np.linalg.norm(passing, axis=1), scale)
         known = np.where(np.abs(distance - np.median(distance)) < scale, known, 0.0)
         across = np.eye(3) - normals[:, :, None] * normals[:, None, :]
         matrix = share * np.einsum("n,nij->ij", known, across) + precision * np.eye(3)
-        pull = share * known @ passing + precision * (start - centre)
-        centre = centre + np.linalg.solve(matrix, pull)
-    assert_allclose(found, centre, atol=1e-9)
+        pull = share * known @ passing + precision * (start - center)
+        center = center + np.linalg.solve(matrix, pull)
+    assert_allclose(found, center, atol=1e-9)
     assert weight == pytest.approx(known.sum())

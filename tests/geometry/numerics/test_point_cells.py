@@ -38,7 +38,7 @@ def test_every_point_lies_in_the_ball_of_its_cube_and_in_one_cube(seed, count):
     for number in range(len(cells)):
         span = slice(cells.start[number], cells.start[number + 1])
         members = points[cells.index[span]]
-        away = np.linalg.norm(members - cells.centre[:, number], axis=1)
+        away = np.linalg.norm(members - cells.center[:, number], axis=1)
         assert len(members) > 0
         assert (away <= cells.radius[number]).all()
         assert_array_equal(cells.points[:, span], members.T.astype(np.float32))

@@ -25,11 +25,11 @@ def seen(seed):
 def test_the_first_point_of_every_cell_in_reach_surrounds_a_region(reach, resolution):
     scene, region = seen(0)
     low, high = region.points.min(axis=0), region.points.max(axis=0)
-    centre, radius = (low + high) / 2, np.linalg.norm(high - low) / 2 + reach
+    center, radius = (low + high) / 2, np.linalg.norm(high - low) / 2 + reach
     points, own = scene.xyz.reshape(-1, 3), region.mask.ravel()
-    near = np.linalg.norm(points - centre, axis=1) < radius
+    near = np.linalg.norm(points - center, axis=1) < radius
     points, own = points[near], own[near]
-    cells = np.column_stack([np.floor((points - centre + radius) / resolution), own])
+    cells = np.column_stack([np.floor((points - center + radius) / resolution), own])
     _, first, count = np.unique(cells, axis=0, return_index=True, return_counts=True)
     found = Surroundings.of(region, scene, reach, resolution)
     np.testing.assert_array_equal(found.all.points, points[first])
@@ -42,7 +42,7 @@ def test_the_first_point_of_every_cell_in_reach_surrounds_a_region(reach, resolu
 def test_unseen_points_within_reach_join_the_obstacles():
     scene, region = seen(0)
     around = Surroundings.of(region, scene, 0.1, 0.003)
-    unseen = np.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [5.0, 0.0, 0.0]]) + around.centre
+    unseen = np.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [5.0, 0.0, 0.0]]) + around.center
     joined = around.with_unseen(unseen)
     np.testing.assert_array_equal(
         joined.all.points, np.concatenate([around.all.points, unseen[:2]])
@@ -60,7 +60,7 @@ def test_points_beneath_the_floor_are_no_obstacles_but_points_of_other_regions()
     np.testing.assert_array_equal(high.all.count, whole.all.count[above])
     np.testing.assert_array_equal(high.others.points, whole.others.points)
     np.testing.assert_array_equal(high.others.count, whole.others.count)
-    unseen = high.centre - floor.height(high.centre) * floor.normal
+    unseen = high.center - floor.height(high.center) * floor.normal
     unseen = unseen + np.outer([-0.01, 0.01], floor.normal)
     joined = high.with_unseen(unseen)
     np.testing.assert_array_equal(joined.all.points, np.concatenate([high.all.points, unseen[1:]]))
@@ -74,11 +74,11 @@ def test_a_wide_angle_camera_sees_all_points_in_reach(pixel):
     mask[pixel[1] - 4 : pixel[1] + 5, pixel[0] - 4 : pixel[0] + 5] = True
     flat = RegionCloud.from_mask(mask, SceneCloud(np.ones((240, 320)), camera))
     low, high = flat.points.min(axis=0), flat.points.max(axis=0)
-    centre, reach = (low + high) / 2, 0.4
+    center, reach = (low + high) / 2, 0.4
     # The side of the ball that faces the camera is measured, as far as the image shows it.
     radius, rays = np.linalg.norm(high - low) / 2 + reach - 1e-6, camera.rays()
-    square, along = (rays**2).sum(axis=-1), rays @ centre
-    inner = along**2 - square * (centre @ centre - radius**2)
+    square, along = (rays**2).sum(axis=-1), rays @ center
+    inner = along**2 - square * (center @ center - radius**2)
     depth = (along - np.sqrt(np.maximum(inner, 0.0))) / square
     depth = np.where(mask, 1.0, np.where((inner > 0) & (along > 0), depth, 0.0))
     found = Surroundings.of(flat, SceneCloud(depth, camera), reach, 0.01)

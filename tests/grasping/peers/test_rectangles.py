@@ -22,9 +22,9 @@ PLANE = np.full((240, 320), 0.6)
 
 def some_rows(*degrees: float) -> np.ndarray:
     count = len(degrees)
-    centre = np.array([[100.0, 90.0]] * count)
+    center = np.array([[100.0, 90.0]] * count)
     return rectangle_rows(
-        centre, np.radians(degrees), np.full(count, 30.0), np.full(count, 12.0), np.ones(count)
+        center, np.radians(degrees), np.full(count, 30.0), np.full(count, 12.0), np.ones(count)
     )
 
 
@@ -35,9 +35,9 @@ def test_a_rectangle_on_a_plane_projects_back_to_its_centre_and_opening():
     surface = grasps.translation - (0.02 - RG2.tip_reach) * grasps.approach
     opening = grasps.width + 2 * RG2.clearance
     ends = [surface + sign * 0.5 * opening[:, None] * grasps.closing for sign in (0.0, 1.0)]
-    centre, side = (CAMERA.project(points) for points in ends)
-    assert_allclose(centre, rows[:, :2], atol=1e-3)
-    assert_allclose(2 * np.linalg.norm(side - centre, axis=1), opening_pixels(rows), atol=1e-3)
+    center, side = (CAMERA.project(points) for points in ends)
+    assert_allclose(center, rows[:, :2], atol=1e-3)
+    assert_allclose(2 * np.linalg.norm(side - center, axis=1), opening_pixels(rows), atol=1e-3)
 
 
 def test_finger_tips_end_2_cm_behind_the_surface_along_the_view():

@@ -55,8 +55,8 @@ DOWN_ACROSS_Y = GraspPoses.from_contacts([[[0.0, -0.02, 0.0], [0.0, 0.02, 0.0]]]
         ((0.0, 0.0, -0.1), 0.0),
     ],
 )
-def test_the_arm_is_the_horizontal_distance_of_the_weight_from_the_closing_line(centre, arm):
-    np.testing.assert_allclose(torque_arm(DOWN_ACROSS_Y, np.array(centre), UP), [arm], atol=1e-12)
+def test_the_arm_is_the_horizontal_distance_of_the_weight_from_the_closing_line(center, arm):
+    np.testing.assert_allclose(torque_arm(DOWN_ACROSS_Y, np.array(center), UP), [arm], atol=1e-12)
 
 
 def test_a_weight_at_half_torque_arm_halves_the_expected_quality():
@@ -67,7 +67,7 @@ def test_a_weight_at_half_torque_arm_halves_the_expected_quality():
     aside = found.grasps.translation + 0.02 * found.grasps.binormal
     grasps = GraspPoses(found.grasps.rotation, aside, found.grasps.width)
     found = replace(found, grasps=grasps)
-    arm = torque_arm(found.grasps, KNOWN.centre, KNOWN.up)[0]
+    arm = torque_arm(found.grasps, KNOWN.center, KNOWN.up)[0]
     features = GraspFeatures(found, np.ones(1), np.ones(1), KNOWN)
     for share, half in ((0.5, arm), (0.8, 2.0 * arm)):
         score = critic_score(features, even, replace(CONFIG, half_torque_arm=half))
@@ -81,7 +81,7 @@ def test_the_expected_weight_is_on_the_symmetries_by_their_confidence():
         symmetries = replace(
             KNOWN.symmetries, probability=confidence * KNOWN.symmetries.probability
         )
-        return (replace(KNOWN, symmetries=symmetries).centre - plane.point) @ plane.normal
+        return (replace(KNOWN, symmetries=symmetries).center - plane.point) @ plane.normal
 
     assert abs(off_plane(0.0)) > 0.01
     np.testing.assert_allclose(off_plane(0.0), (middle - plane.point) @ plane.normal)

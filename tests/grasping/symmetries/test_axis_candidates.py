@@ -23,13 +23,13 @@ def starts(points, normals, table, allowed=NETWORK | SHAPE, slots=NOTHING):
     return starting_axes(RegionEvidence(slots, points, normals, BLANK > 0, scene, allowed))
 
 
-def cylinder(rng, along, centre, radius=0.03, length=0.1, toward=(0.0, -0.7, 0.7)):
-    """The seen half of a cylinder's wall with its axis `along` (3,) through `centre` (3,)."""
+def cylinder(rng, along, center, radius=0.03, length=0.1, toward=(0.0, -0.7, 0.7)):
+    """The seen half of a cylinder's wall with its axis `along` (3,) through `center` (3,)."""
     angle, height = rng.uniform(0, 2 * np.pi, 3000), rng.uniform(-0.5, 0.5, 3000) * length
     first = unit(np.cross(along, [0.3, 0.5, 0.8]))
     second = np.cross(along, first)
     normals = np.outer(np.cos(angle), first) + np.outer(np.sin(angle), second)
-    points = centre + radius * normals + np.outer(height, along)
+    points = center + radius * normals + np.outer(height, along)
     front = normals @ unit(toward) > 0.1
     return points[front], normals[front]
 
@@ -44,9 +44,9 @@ def nearest(axes, direction, point, degrees):
 def test_a_lying_object_turns_about_a_level_line_at_half_its_height(seed):
     rng = np.random.default_rng(seed)
     turn = rng.uniform(0, np.pi)
-    along, centre = np.array([np.cos(turn), np.sin(turn), 0]), np.array([0.1, 0.2, 0.03])
-    points, normals = cylinder(rng, along, centre)
-    assert nearest(starts(points, normals, TABLE)[0], along, centre, 5) < 0.006
+    along, center = np.array([np.cos(turn), np.sin(turn), 0]), np.array([0.1, 0.2, 0.03])
+    points, normals = cylinder(rng, along, center)
+    assert nearest(starts(points, normals, TABLE)[0], along, center, 5) < 0.006
 
 
 def test_a_tin_whose_lid_alone_is_seen_turns_about_its_middle():
@@ -88,5 +88,5 @@ def test_the_middle_of_an_outline_is_the_centre_of_its_circle_at_any_place():
     ring = np.column_stack([0.04 * np.cos(angle), 0.04 * np.sin(angle), 0.1 * angle])
     rng = np.random.default_rng(2)
     pose = make_pose(random_rotation(rng), rng.normal(size=3))
-    centre = middle_of_outline(moved(pose, ring), pose[:3, 2])
-    assert np.linalg.norm(np.cross(centre - pose[:3, 3], pose[:3, 2])) < 1e-4
+    center = middle_of_outline(moved(pose, ring), pose[:3, 2])
+    assert np.linalg.norm(np.cross(center - pose[:3, 3], pose[:3, 2])) < 1e-4

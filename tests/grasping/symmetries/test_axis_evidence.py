@@ -61,10 +61,10 @@ def test_a_can_alone_shows_its_axis_without_a_network(can):
 
 
 def test_a_ball_shows_its_centre_and_a_box_neither_axis_nor_centre(ball, box):
-    centre = ball[2][:3, 3]
-    slots = SymmetrySlots(np.full(5, 0.5), np.tile(centre, (5, 1)), SILENT.direction)
+    center = ball[2][:3, 3]
+    slots = SymmetrySlots(np.full(5, 0.5), np.tile(center, (5, 1)), SILENT.direction)
     sphere, confidence, _ = likely_axis_and_sphere(evidence_of(ball, slots), CRITIC)[1]
-    assert np.linalg.norm(sphere.point - centre) < 0.003
+    assert np.linalg.norm(sphere.point - center) < 0.003
     assert confidence > 0.5
     axis, sphere_of_box = likely_axis_and_sphere(evidence_of(box), CRITIC)
     assert axis[1] < 0.3

@@ -54,11 +54,11 @@ def test_all_planes_of_a_box_are_candidates_in_any_pose(seed):
     toward = rng.choice([-1.0, 1.0], 3) * rng.uniform(0.3, 1.0, 3)  # three faces are seen
     points, normals = seen_box(size, toward, rng)
     pose = make_pose(random_rotation(rng), rng.normal(0, 0.3, 3))
-    rotation, centre = pose[:3, :3], pose[:3, 3]
+    rotation, center = pose[:3, :3], pose[:3, 3]
     axis = RotationSymmetry(unit(rng.normal(size=3)), [9, 9, 9])
     found, _ = candidate_planes(NOTHING, axis, moved(pose, points), normals @ rotation.T, None)
     for axis in rotation.T:
-        assert has_plane(found, axis, centre)
+        assert has_plane(found, axis, center)
 
 
 def test_two_seen_faces_of_a_standing_box_suffice_for_its_upright_planes():

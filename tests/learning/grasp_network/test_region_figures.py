@@ -52,9 +52,9 @@ def test_the_figures_are_of_the_symmetries_that_infer_proposes():
     cloud = RegionCloud(points, np.ones_like(points), np.ones((1, 1), np.bool_))
     (region,) = predicted_regions([cloud], None, predictor)
     middle = region.cloud.points.mean(0)
-    centred = torch.from_numpy(region.cloud.points - middle).float()[None]
+    centered = torch.from_numpy(region.cloud.points - middle).float()[None]
     with torch.no_grad():  # at all points, as in the training
-        means = mean_symmetries(predictor.network(centred))
+        means = mean_symmetries(predictor.network(centered))
     existence, point, direction = (each[0].numpy() for each in means)
     assert_allclose(existence, region.slots.probability, atol=1e-5)
     assert_allclose(point + middle, region.slots.point, atol=1e-5)

@@ -113,9 +113,9 @@ def test_only_the_asymmetric_families_declare_no_symmetry():
 @pytest.mark.parametrize("family", ASYMMETRIC)
 def test_asymmetric_objects_have_no_mirror_plane(family):
     normals = np.concatenate([np.eye(3), np.random.default_rng(2).normal(size=(6, 3))])
-    centre = samples(family).mean(axis=0)
+    center = samples(family).mean(axis=0)
     for normal in unit(normals):
-        assert gap(family, ReflectionSymmetry(normal, centre).counterpart) > 3e-4
+        assert gap(family, ReflectionSymmetry(normal, center).counterpart) > 3e-4
 
 
 @pytest.mark.parametrize(

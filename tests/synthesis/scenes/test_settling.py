@@ -25,15 +25,15 @@ def shifted(offset, *, number=0):
 
 
 def kept(item, seed):
-    settled = drop_objects([item.pieces], np.random.default_rng(seed), item.centre[None])
+    settled = drop_objects([item.pieces], np.random.default_rng(seed), item.center[None])
     return len(settled.index)
 
 
 @pytest.mark.parametrize("offset", [(0.5, 0.0, 0.0), (0.0, 0.4, 0.3), (0.0, 0.0, 0.09)])
 def test_objects_with_a_distant_origin_are_not_lost(offset):
-    centred, moved = shifted((0, 0, 0)), shifted(offset)
-    assert_allclose(moved.centre, offset)
-    expected = [kept(centred, seed) for seed in SEEDS]
+    centered, moved = shifted((0, 0, 0)), shifted(offset)
+    assert_allclose(moved.center, offset)
+    expected = [kept(centered, seed) for seed in SEEDS]
     assert [kept(moved, seed) for seed in SEEDS] == expected
     assert sum(expected) >= 11
 
@@ -49,7 +49,7 @@ def test_cameras_aim_at_the_objects_and_not_at_their_origins():
         ]
         middles = np.array([(c.min(axis=0) + c.max(axis=0)) / 2 for c in clouds])
         assert_allclose(layout.middles, middles, atol=1e-9)
-        assert_allclose(layout.centre, middles.mean(axis=0), atol=1e-9)
+        assert_allclose(layout.center, middles.mean(axis=0), atol=1e-9)
         assert (np.linalg.norm(middles[:, :2], axis=1) < 0.3).all()
         assert (np.abs(middles[:, :2]) < TABLE_SIZE).all()
 
@@ -60,12 +60,12 @@ def test_the_origin_of_procedural_objects_is_their_middle_to_the_last_bit(pool):
         SceneObject(i, made.name, made.mesh, made.pieces)
         for i, made in enumerate(make_object(pool, index, 3) for index in range(24))
     ]
-    assert all((item.centre == 0.0).all() for item in items)
+    assert all((item.center == 0.0).all() for item in items)
     pieces = [item.pieces for item in items[:4]]
     by_origin = drop_objects(pieces, np.random.default_rng(1))
     layout = settle(items[:4], np.random.default_rng(1))
     assert_array_equal(layout.poses, by_origin.poses)
-    assert_array_equal(layout.centre, by_origin.poses[:, :3, 3].mean(axis=0))
+    assert_array_equal(layout.center, by_origin.poses[:, :3, 3].mean(axis=0))
 
 
 def test_meshes_without_volume_are_reported_in_one_sentence():

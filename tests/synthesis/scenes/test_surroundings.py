@@ -48,7 +48,7 @@ def depth_in(solid, points: np.ndarray) -> float:
 def viewpoints(layout: SceneLayout) -> np.ndarray:
     around = layout.surroundings
     rng = np.random.default_rng(0)
-    return drawn_viewpoints(layout.centre, 4, LENS, rng, around.arc, around.elevations)
+    return drawn_viewpoints(layout.center, 4, LENS, rng, around.arc, around.elevations)
 
 
 @pytest.mark.parametrize("kind", ["bin", "tray"])

@@ -115,4 +115,4 @@ def make_shape(family: str, rng: np.random.Generator) -> Shape:
     """
     if family not in FAMILIES:
         raise UnknownNameError("family", family, FAMILIES)
-    return FAMILIES[family](rng).centred()
+    return FAMILIES[family](rng).centered()

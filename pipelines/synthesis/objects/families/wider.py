@@ -108,7 +108,7 @@ def heap(rng: Rng) -> Shape:
 def _turned_piece(rng: Rng) -> Solid:
     """Return a small turned body about the origin."""
     solid = lathe(_profile(rng, 0.014, rng.uniform(0.03, 0.06), 4), 28, slabs=4)
-    return Shape(solid).centred().solid
+    return Shape(solid).centered().solid
 
 
 def pan(rng: Rng) -> Shape:

@@ -174,7 +174,7 @@ SELECTION = (
     *code_under(
         GRASPING,
         ("no-doubtful", "pass across doubtful symmetries", PASSES, without_doubtful),
-        ("off-centre", "less stability off the centre", "planner.OFF_CENTRE", 0.0),
+        ("off-centre", "less stability off the centre", "planner.OFF_CENTER", 0.0),
         ("border", "border of the image", "feasibility.image_border.ImageBorder.of", nothing),
         ("stray", "stray pixels left out", "scene.STRAY", inf),
         ("fewer-turns", "completing turns by 45 degrees", TURNS, np.radians([90.0, 180.0, 270.0])),

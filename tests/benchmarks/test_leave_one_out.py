@@ -66,7 +66,7 @@ def test_a_named_rule_brings_the_rules_it_is_compared_with():
 
 
 def test_a_replaced_constant_is_restored_afterwards():
-    rule = Rule("off-centre", "", replaced={"pipelines.grasping.planner.OFF_CENTRE": 0.0})
+    rule = Rule("off-centre", "", replaced={"pipelines.grasping.planner.OFF_CENTER": 0.0})
     before = planner.OFF_CENTER
     with left_out(rule, Memory()):
         assert planner.OFF_CENTER == 0.0

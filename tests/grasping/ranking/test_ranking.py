@@ -47,7 +47,7 @@ DOWN_ACROSS_Y = GraspPoses.from_contacts([[[0.0, -0.02, 0.0], [0.0, 0.02, 0.0]]]
 
 
 @pytest.mark.parametrize(
-    ("centre", "arm"),
+    ("center", "arm"),
     [
         ((0.03, 0.0, 0.0), 0.03),
         ((0.03, 0.2, -0.05), 0.03),  # offsets along the closing line and straight down cost nothing

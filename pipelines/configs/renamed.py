@@ -35,6 +35,7 @@ RENAMED: dict[str, dict[str, str]] = {
         "selection.min_completion": "selection.symmetry.min_completion_confidence",
         "selection.min_completion_beside": "selection.symmetry.min_neighbor_confidence",
         "selection.symmetry.min_neighbour_confidence": "selection.symmetry.min_neighbor_confidence",
+        "selection.min_neighbour_confidence": "selection.symmetry.min_neighbor_confidence",
         "selection.spare_room": "selection.feasibility.opening_margins",
         "selection.spare_share": "selection.feasibility.opening_margin_share",
         "selection.steadiness": "selection.ranking.min_stability",

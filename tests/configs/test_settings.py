@@ -183,6 +183,9 @@ def test_names_of_earlier_versions_are_read_as_todays_names():
     ungrouped = from_settings(InferConfig, {"selection": {"max_pairs": 9, "depth_noise": 0.001}})
     assert ungrouped.selection.candidates.max_pairs == 9
     assert ungrouped.sensor.depth_noise == 0.001
+    for where in ("selection.symmetry", "selection"):
+        spelled = changed_by_text(config, f"{where}.min_neighbour_confidence", "0.6")
+        assert spelled.selection.symmetry.min_neighbor_confidence == 0.6
 
 
 def test_removed_settings_are_ignored_with_a_warning(monkeypatch, caplog):

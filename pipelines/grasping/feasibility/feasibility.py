@@ -57,7 +57,7 @@ class Feasibility:
         """
         scene = scene if config.keeps_off_plane else replace(scene, plane=None)
         ahead, floor = gripper.finger_length + gripper.palm_depth, None
-        reach = max(ahead + clearance_cap, gripper.reach)
+        reach = max(ahead + clearance_cap, gripper.reach + 2.0 * config.body_margin)
         if scene.plane is not None:
             # The gripper stays `min_table_distance` above the table. Enlarged by a margin, its
             # corners are lower by at most the margin times the root of three.

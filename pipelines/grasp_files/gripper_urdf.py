@@ -5,7 +5,8 @@ palm is the link that they slide on, with all links fixed to it. Each part is me
 of its collision bodies, or of its visual bodies if it has no collision bodies.
 """
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -67,19 +68,46 @@ def read_urdf_gripper(
     joints = [_joint(path, joint) for joint in root.findall("joint")]
     if len({joint.child for joint in joints}) < len(joints):
         raise FormatError(path, "has a link with two parent joints", "a tree is expected")
-    fingers = [joint for joint in joints if joint.kind == "prismatic"]
-    if len(fingers) != 2:
-        raise FormatError(path, f"has {len(fingers)} sliding joints", WRITE_BY_HAND)
-    base = base_link or fingers[0].parent
-    if base not in links:
-        raise FormatError(path, f"has no link {base!r}", f"its links: {', '.join(links)[:300]}")
-    bodies = _Bodies(path, links, [joint for joint in joints if joint.child != base])
+    if base_link and base_link not in links:
+        expected = f"its links: {', '.join(links)[:300]}"
+        raise FormatError(path, f"has no link {base_link!r}", expected)
+    base = base_link or _palm(path, joints)
+    joints = _below(base, joints)
+    sliding = sum(joint.kind == "prismatic" for joint in joints)
+    if sliding != 2:
+        raise FormatError(path, f"has {sliding} sliding joints below {base}", WRITE_BY_HAND)
+    bodies = _Bodies(path, links, joints)
     return _measured(path, root.get("name", path.stem), bodies, base, tip_reach, clearance)
+
+
+def _palm(path: Path, joints: Sequence[_Joint]) -> str:
+    """Return the link that two fingers slide on.
+
+    Raises:
+        FormatError: there is no such link, or several.
+    """
+    counted = Counter(joint.parent for joint in joints if joint.kind == "prismatic")
+    palms = [link for link, count in counted.items() if count == 2]
+    if len(palms) > 1:
+        expected = f"name one of them as base link: {', '.join(palms)[:300]}"
+        raise FormatError(path, f"has {len(palms)} grippers", expected)
+    if not palms:
+        found = f"has {counted.total()} sliding joints, no two of them on one link"
+        raise FormatError(path, found, WRITE_BY_HAND)
+    return palms[0]
+
+
+def _below(base: str, joints: Sequence[_Joint]) -> list[_Joint]:
+    """Return the joints below the link `base`, in the order of the file."""
+    below = {base}
+    for _ in joints:  # at most as many links deep
+        below |= {joint.child for joint in joints if joint.parent in below}
+    return [joint for joint in joints if joint.parent in below and joint.child != base]
 
 
 @dataclass
 class _Bodies:
-    """The links of a URDF as points."""
+    """The links of a gripper, those below its base, as points."""
 
     path: Path
     links: dict[str, Element]

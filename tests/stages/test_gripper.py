@@ -64,7 +64,8 @@ def test_meshes_are_read_relative_to_the_file(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        ("prismatic", "revolute", "0 sliding joints"),
+        ("prismatic", "revolute", "has 0 sliding joints, no two of them on one link"),
+        ('link="hand"/><child link="right"', 'link="left"/><child link="right"', "no two of them"),
         ("<robot", "<!DOCTYPE r [<!ENTITY a 'b'>]><robot", "not XML"),
         ("</robot>", "", "not XML"),
         ('size="0.05 0.2 0.06"', 'size="0.05 wide 0.06"', "the value 'wide'; a number"),
@@ -118,6 +119,36 @@ def test_fingers_may_open_at_either_limit(tmp_path):
     )
     found = measured(tmp_path, URDF.replace(*backwards))
     assert {key: getattr(found, key) for key in EXPECTED} == pytest.approx(EXPECTED, abs=1e-5)
+
+
+# A mobile robot with a lift and two arms (Fetch and TIAGo have a lift).
+ROBOT = """<robot name="robot"><link name="chassis"/><link name="torso"/>
+  <joint name="lift" type="prismatic"><parent link="chassis"/><child link="torso"/>
+    <axis xyz="0 0 1"/><limit lower="0" upper="0.4"/></joint>{hands}</robot>"""
+
+
+def on_torso(side):
+    hand = URDF.partition("\n")[2].removesuffix("</robot>")
+    for link in ("hand", "left", "right"):
+        hand = hand.replace(f'link="{link}"', f'link="{link}{side}"')
+        hand = hand.replace(f'link name="{link}"', f'link name="{link}{side}"')
+    return f"""{hand}<joint name="arm{side}" type="fixed"><parent link="torso"/>
+      <child link="hand{side}"/><origin xyz="0.3 0.2 0" rpy="0 1.2 0"/></joint>"""
+
+
+def test_the_sliding_joints_of_an_arm_do_not_count(tmp_path):
+    found = measured(tmp_path, ROBOT.format(hands=on_torso("_l")))
+    assert {key: getattr(found, key) for key in EXPECTED} == pytest.approx(EXPECTED, abs=1e-5)
+
+
+def test_one_of_several_grippers_is_named_by_its_link(tmp_path):
+    robot = ROBOT.format(hands=on_torso("_l") + on_torso("_r"))
+    with pytest.raises(FormatError, match="2 grippers; name one of them as base link: hand_l, han"):
+        measured(tmp_path, robot)
+    found = measured(tmp_path, robot, base_link="hand_r")
+    assert {key: getattr(found, key) for key in EXPECTED} == pytest.approx(EXPECTED, abs=1e-5)
+    with pytest.raises(FormatError, match="5 sliding joints below chassis"):
+        measured(tmp_path, robot, base_link="chassis")
 
 
 @pytest.mark.parametrize("turn", [0.0, np.pi / 2, -np.pi / 2, np.pi])

@@ -31,6 +31,7 @@ SYNONYMS = {
 WIDTH_KEYS = ("width", "img_width", "image_width", "_width", "w", "xres")
 HEIGHT_KEYS = ("height", "img_height", "image_height", "_height", "h", "yres")
 SCALE_KEYS = ("depth_units_per_metre", "depth_scale", "factor_depth", "scale")
+BOP_SCALES = 0.05, 1.0  # depth_scale of BOP's files; no camera's unit is 5 cm to 1 m
 MATRIX_KEYS = ("cam_K", "K", "k", "intrinsic_matrix", "intrinsics_matrix", "camera_matrix",
                "cameraMatrix", "INTRINSICS", "intrinsics", "intrinsic")  # fmt: skip
 FORMS = "fx, fy, cx, cy or a 3x3 matrix (cam_K, K, intrinsic_matrix) is expected"
@@ -234,7 +235,9 @@ def _units(content: dict[str, Any]) -> float | None:
     if scale is None:
         return None
     scale = float(scale)
-    if "cam_K" in content and scale > 0:
+    low, high = BOP_SCALES
+    is_bop = "cam_K" in content or ("depth_scale" in content and low <= scale <= high)
+    if is_bop and scale > 0:
         return 1000.0 / scale  # BOP: times depth_scale gives millimetres
     return 1.0 / scale if 0 < scale < 1 else scale  # below one: RealSense's metres per unit
 

@@ -22,6 +22,8 @@ FORMS = [
     ("camera.json", NAMED | {"width": 64, "height": 48, "depth_scale": 5000.0}, 5000.0),
     ("camera.json", NAMED | {"depth_scale": 0.001}, 1000.0),
     ("camera.json", {"cam_K": ROWS, "depth_scale": 0.1}, 10000.0),
+    ("camera.json", NAMED | {"depth_scale": 0.1}, 10000.0),
+    ("camera.json", NAMED | {"depth_scale": 1.0}, 1000.0),
     ("camera_data.json", {"K": K, "resolution": [48, 64]}, None),
     ("camera_intrinsic.json", {"intrinsic_matrix": COLUMNS, "width": 64, "height": 48}, None),
     ("camera_params.json", {"fx": 60.0, "fy": 61.0, "x_offset": 31.5, "y_offset": 23.5}, None),

@@ -79,7 +79,8 @@ def write_flat_pair(folder: Path, frame: Frame) -> None:
     facts = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
     write_image(folder / f"{frame.name}_color.png", frame.color)
     again = stored.astype(np.float32) / np.float32(units)
-    if stored.max() < MISSING_DEPTH and (again == frame.depth).all():
+    # A `depth_scale` of 1 would be read as BOP's.
+    if units > 1.0 and stored.max() < MISSING_DEPTH and (again == frame.depth).all():
         write_image(folder / f"{frame.name}_depth.png", stored.astype(np.uint16))
         facts["depth_scale"] = units
     else:

@@ -38,6 +38,17 @@ def test_every_layout_is_the_same_after_conversion(tmp_path: Path, key: str) -> 
         assert one.intrinsics == other.intrinsics
 
 
+@pytest.mark.parametrize("units", [1.0, 0.5, 1000.0])
+def test_depth_of_whole_metres_is_the_same_after_conversion(tmp_path: Path, units: float) -> None:
+    (tmp_path / "in").mkdir()
+    depth = np.where(np.arange(64) < 32, 1.0, 2.0) * np.ones((48, 1))
+    stored = (depth * units).astype(np.float32 if units <= 1 else np.uint16)
+    np.savez(tmp_path / "in" / "wall.npz", depth=stored, K=build.K)
+    stated = FrameOptions(None, units)
+    convert_frames.run(tmp_path / "in", tmp_path / "out", CONFIG, stated=stated)
+    assert_array_equal(find_frames(tmp_path / "out")[0].read().depth, depth)
+
+
 @pytest.fixture
 def pickled(tmp_path: Path) -> Path:
     content = {"depth": METRES, "K": build.K, "rgb": build.color(0)[:, :, ::-1], "note": "mug"}

@@ -10,9 +10,10 @@ Writes  DUMP/scene_NNNN/CAMERA/NNNN.npy      `--to graspnet`: graspnetAPI's rows
         OUT.json, OUT.csv                    `--to json`, `--to csv`: all frames in one file
 
 Poses are those of the gripper's base or of its tool centre point, in the camera frame, or in the
-robot's base frame if a hand-eye calibration is given. Frames without grasps have a file without
-grasps; failed frames have no file, and are reported. Folders contain `provenance.json`; the
-provenance of OUT.csv is in a file next to it, that of OUT.json in OUT.json.
+robot's base frame if a hand-eye calibration, or the camera's pose in each frame, is given. Frames
+without grasps have a file without grasps; failed frames have no file, and are reported. Folders
+contain `provenance.json`; the provenance of OUT.csv is in a file next to it, that of OUT.json in
+OUT.json.
 """
 
 import time
@@ -24,6 +25,7 @@ from pathlib import Path
 from pipelines.configs import ExportConfig, check_settings
 from pipelines.contents import mapping_in
 from pipelines.errors import SymgraspError
+from pipelines.frames.hand_eye import POSE_SUFFIXES
 from pipelines.grasp_files.exports import (
     contact_graspnet_predictions,
     grasp_csv,
@@ -35,7 +37,7 @@ from pipelines.grasp_files.exports import (
 from pipelines.grasp_files.exports.export_poses import (
     ExportGripper,
     PoseFrame,
-    pose_frame,
+    pose_frame_of_each,
     pose_origin,
 )
 from pipelines.grasp_files.exports.export_tally import ExportTally
@@ -56,6 +58,7 @@ from pipelines.storage.files import atomic_folder
 from pipelines.storage.provenance import (
     Stamp,
     digest,
+    digest_tree,
     is_finished,
     make_stamp,
     refuse_foreign,
@@ -88,7 +91,8 @@ def run(
 ) -> StageReport:
     """Write the grasps of `grasps` to the folder `output`, or to the file for json and csv.
 
-    `camera_to_base`: hand-eye calibration, for poses in the robot's base frame.
+    `camera_to_base`: hand-eye calibration, or a folder with the camera's pose in each frame, for
+    poses in the robot's base frame.
 
     Raises:
         SymgraspError: `grasps` or the calibration cannot be read, the format or gripper is not
@@ -101,12 +105,12 @@ def run(
     index = read_index(grasps)
     name_or_path = gripper_to_use(config.gripper, index.gripper, index.stamp)
     gripper = _gripper(index, name_or_path, config)
-    frame = pose_frame(camera_to_base, config.frame_id)
+    frame, frame_of = pose_frame_of_each(camera_to_base, config.frame_id)
     stamp = _stamp(grasps, name_or_path, gripper, config, camera_to_base)
     _refuse_others_work(output)
     finished = is_finished(output, stamp, overwrite=overwrite)
     tally = ExportTally()
-    frames = _exported(grasps, index, gripper, frame, config.min_score, report)
+    frames = _exported(grasps, index, gripper, frame_of, config.min_score, report)
     if config.to in TO_FOLDER:
         path_of = _paths(config.to, index, report)
         frames = _with_path(frames, path_of, Claims(folds_case=folds_case(output)), index, report)
@@ -164,7 +168,10 @@ def _stamp(
     }
     inputs = {"grasps": digest(grasps), "gripper": gripper_digest(name_or_path)}
     if camera_to_base is not None:
-        inputs["camera_to_base"] = digest(camera_to_base)
+        is_folder = camera_to_base.is_dir()
+        inputs["camera_to_base"] = (
+            digest_tree(camera_to_base, POSE_SUFFIXES) if is_folder else digest(camera_to_base)
+        )
     return make_stamp(STAGE, settings, inputs=inputs)
 
 
@@ -179,7 +186,7 @@ def _exported(
     grasps: Path,
     index: GraspsIndex,
     gripper: ExportGripper,
-    frame: PoseFrame,
+    frame_of: Callable[[str], PoseFrame],
     min_score: float,
     report: StageReport,
 ) -> Iterator[FrameGrasps]:
@@ -189,6 +196,7 @@ def _exported(
         if result.status == "failed":
             report.failed[result.name] = f"infer failed on it ({result.message}); it has no grasps"
         try:
+            frame = frame_of(result.name) if len(result.grasps) else None
             found = FrameGrasps.of(result, first, gripper, min_score, frame)
         except SymgraspError as error:
             report.failed[result.name] = str(error)

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import ExportConfig
-from symgrasp_cli.options import CameraToBase, GraspsToRead, Overwrite
+from symgrasp_cli.options import GraspsToRead, Overwrite
 from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import named_as, with_settings
 
@@ -17,7 +17,15 @@ def export(
     grasps: GraspsToRead,
     *,
     out: Annotated[Path, typer.Option(help="Folder to write; for json and csv the file.")],
-    camera_to_base: CameraToBase = None,
+    camera_to_base: Annotated[
+        Path | None,
+        typer.Option(
+            exists=True,
+            metavar="FILE",
+            help="Hand-eye calibration (4 x 4 matrix, easy_handeye, MoveIt), or a folder with the "
+            "camera's pose in each frame, NAME.json: poses are then in the robot's base frame.",
+        ),
+    ] = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Write grasps in the formats of other tools."""

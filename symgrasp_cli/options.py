@@ -153,16 +153,6 @@ DepthUnitsPerMetre = Annotated[
 GraspsToRead = Annotated[
     Path, typer.Argument(exists=True, dir_okay=False, help="grasps.h5 of `infer`.")
 ]
-CameraToBase = Annotated[
-    Path | None,
-    typer.Option(
-        exists=True,
-        dir_okay=False,
-        metavar="FILE",
-        help="Hand-eye calibration (4 x 4 matrix, easy_handeye, MoveIt): poses are then in "
-        "the robot's base frame.",
-    ),
-]
 WeightsToWrite = Annotated[Path, typer.Option(help="Weights to write, NAME.safetensors.")]
 StartWeights = Annotated[
     Path | None, typer.Option(exists=True, help="Weights of an earlier training to start from.")

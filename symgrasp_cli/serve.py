@@ -1,12 +1,15 @@
 """`symgrasp serve`."""
 
+from pathlib import Path
+from typing import Annotated
+
 import typer
 
 from pipelines.configs import InferConfig, ServeConfig
 from pipelines.configs.stages import ServeSettings, as_config
 from pipelines.ending import set_farewell
 from symgrasp_cli.arguments import SymmetryModels
-from symgrasp_cli.options import CameraToBase, Device, GraspCriticWeights, Seed
+from symgrasp_cli.options import Device, GraspCriticWeights, Seed
 from symgrasp_cli.report import report_style
 from symgrasp_cli.settings import named_as, with_settings
 
@@ -21,7 +24,16 @@ from symgrasp_cli.settings import named_as, with_settings
 def serve(
     config: ServeSettings,
     *,
-    camera_to_base: CameraToBase = None,
+    camera_to_base: Annotated[
+        Path | None,
+        typer.Option(
+            exists=True,
+            dir_okay=False,
+            metavar="FILE",
+            help="Hand-eye calibration (4 x 4 matrix, easy_handeye, MoveIt): poses are then in "
+            "the robot's base frame.",
+        ),
+    ] = None,
     models: SymmetryModels,
     grasp_critic: GraspCriticWeights = None,
     device: Device = "auto",

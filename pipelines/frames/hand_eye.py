@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from pipelines.array_types import Array
-from pipelines.errors import FormatError
+from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.encodings.yaml_files import read_yaml
 from pipelines.geometry.transforms import make_pose, nearest_orthogonal, quaternion_to_matrix
 from pipelines.storage.array_files import read_npy
@@ -26,6 +26,7 @@ EXPECTED = (
 FARTHEST = 20.0  # metres from a robot's base to its camera; larger distances are millimetres
 MAX_SKEW = 5e-3  # largest error of a rotation, which is that of three digits
 MAX_TEXT_BYTES = 2**16  # of a .launch or a .txt
+POSE_SUFFIXES = (".json", ".yaml", ".yml", ".npy", ".txt")  # of the poses of single frames
 POSITIONS, TURNS = ("translation", "position"), ("rotation", "quaternion", "orientation")
 NUMBER = r"[-+]?[\d.]+(?:[eE][-+]?\d+)?"
 LAUNCH = re.compile(rf"args=\"\s*((?:{NUMBER}\s+){{7}})(\S+)\s+\S+")
@@ -42,6 +43,23 @@ class HandEye:
 
     T_base_cam: Array
     base: str = ""
+
+
+def find_frame_pose(folder: Path, frame_name: str) -> Path:
+    """Return the file of the camera's pose in one frame, in `folder`.
+
+    Searches for `NAME.json`, `.yaml`, `.yml`, `.npy` and `.txt`, first with the frame's whole
+    relative name, then with its last part only.
+
+    Raises:
+        SymgraspError: no such file.
+    """
+    names = dict.fromkeys((frame_name, frame_name.rsplit("/", 1)[-1]))
+    candidates = [folder / f"{name}{suffix}" for name in names for suffix in POSE_SUFFIXES]
+    path = next((path for path in candidates if path.is_file()), None)
+    if path is None:
+        raise SymgraspError(f"{folder} has no camera pose for it; give {frame_name}.json")
+    return path
 
 
 def read_hand_eye(path: Path) -> HandEye:

@@ -15,7 +15,7 @@ from pipelines.inference.frame_grasps import Planner
 from pipelines.inference.peers.registry import frame_method, region_method, written_by
 from pipelines.inference.predicted_regions import RegionMethod
 from pipelines.storage.files import existing
-from pipelines.storage.provenance import digest, digest_text
+from pipelines.storage.provenance import digest, digest_tree
 
 
 @dataclass(frozen=True)
@@ -120,10 +120,7 @@ class RunSettings:
         """Return the digests of the gripper, the user's masks and the workspace."""
         others = {"gripper": gripper_digest(self.config.gripper)}
         if self.paths.masks is not None:
-            masks = self.paths.masks
-            pictures = sorted(p for p in masks.rglob("*.png") if p.is_file())
-            lines = (f"{p.relative_to(masks).as_posix()} {digest(p)}" for p in pictures)
-            others["masks"] = digest_text("".join(lines))
+            others["masks"] = digest_tree(self.paths.masks, (".png",))
         if self.paths.workspace is not None:
             others["workspace"] = digest(self.paths.workspace)
         return others

@@ -112,6 +112,13 @@ def digest_folder(folder: Path, pattern: str) -> str:
     return digest_text("".join(f"{path.name} {digest(path)}\n" for path in files))
 
 
+def digest_tree(folder: Path, suffixes: tuple[str, ...]) -> str:
+    """Return one digest of the names and contents of all files of `suffixes` below `folder`."""
+    files = sorted(path for path in folder.rglob("*") if path.suffix in suffixes)
+    lines = (f"{p.relative_to(folder).as_posix()} {digest(p)}" for p in files if p.is_file())
+    return digest_text("".join(lines))
+
+
 def sidecar_of(target: Path) -> Path:
     """Return the path of the stamp of `target`, for formats that have no place for a stamp."""
     if target.is_dir():

@@ -198,6 +198,37 @@ def test_every_format_gives_poses_of_the_tool_in_the_frame_of_the_robot(to, tcp,
     assert_allclose(contacts_of(to, out, len(table)), expected, atol=1e-6)
 
 
+@pytest.mark.parametrize("whole_name", [True, False])
+def test_a_camera_on_the_hand_has_a_pose_in_each_frame(whole_name, grasps, tmp_path):
+    rng, poses, found = np.random.default_rng(2), tmp_path / "poses", read_whole(grasps).results
+    names = [each.name if whole_name else Path(each.name).name for each in found]
+    moved = {name: make_pose(random_rotation(rng), rng.uniform(-1, 1, 3)) for name in names}
+    for name, T_base_cam in moved.items():
+        write_json(poses / f"{name}.json", T_base_cam.tolist())
+    config = ExportConfig(to="json")
+    export.run(grasps, tmp_path / "x.json", config, camera_to_base=poses)
+    frames = json.loads((tmp_path / "x.json").read_text())["frames"]
+    for name, result, frame in zip(names, found, frames, strict=True):
+        contacts = result.grasps.contacts[np.argsort(result.grasps.rank_in_frame)].astype(float)
+        exported = [grasp["contacts"] for grasp in frame["grasps"]]
+        expected = transform_points(moved[name], contacts)
+        assert_allclose(np.reshape(exported, (-1, 2, 3)), expected, atol=1e-6)
+
+
+def test_a_frame_without_a_pose_is_named_and_the_others_are_exported(grasps, tmp_path):
+    found = [each.name for each in read_whole(grasps).results if len(each.grasps)]
+    for name in found[1:]:
+        write_json(tmp_path / "poses" / f"{name}.json", np.eye(4).tolist())
+    config, out = ExportConfig(to="ros-json"), tmp_path / "out"
+    report = export.run(grasps, out, config, camera_to_base=tmp_path / "poses")
+    assert f"has no camera pose for it; give {found[0]}.json" in report.failed[found[0]]
+    assert not (out / f"{found[0]}.json").exists()
+    assert all((out / f"{name}.json").is_file() for name in found[1:])
+    write_json(tmp_path / "poses" / f"{found[0]}.json", np.eye(4).tolist())
+    with pytest.raises(StaleOutputError):
+        export.run(grasps, out, config, camera_to_base=tmp_path / "poses")
+
+
 def test_the_tool_centre_point_is_at_the_chosen_place(grasps, tmp_path):
     gripper, found = load_gripper("rg2"), {}
     for tcp in ("", "tips", "contacts", "0.12"):

@@ -1,6 +1,7 @@
 """Origin and frame of exported poses: gripper base or tool point, in camera or robot frame."""
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ import numpy as np
 
 from pipelines.array_types import Array
 from pipelines.errors import ValueRangeError
-from pipelines.frames.hand_eye import read_hand_eye
+from pipelines.frames.hand_eye import find_frame_pose, read_hand_eye
 from pipelines.grasping.gripper import Gripper
 
 CAMERA_AXES = "camera, OpenCV axes: x right, y down, z forward"
@@ -100,6 +101,31 @@ def pose_frame(camera_to_base: Path | None, frame_id: str) -> PoseFrame:
     if camera_to_base is None:
         return PoseFrame(frame_id=frame_id or CAMERA_FRAME)
     found = read_hand_eye(camera_to_base)
-    name = frame_id or found.base or BASE_FRAME
+    return _base_frame(found.T_base_cam, frame_id or found.base or BASE_FRAME)
+
+
+def pose_frame_of_each(
+    camera_to_base: Path | None, frame_id: str
+) -> tuple[PoseFrame, Callable[[str], PoseFrame]]:
+    """Return the frame of all exported poses, and the function from a frame's name to its own.
+
+    The two differ in the camera's pose, if `camera_to_base` is a folder with a pose of each frame,
+    as of a camera on the hand. The function raises a SymgraspError for a frame without a pose.
+
+    Raises:
+        FormatError: `camera_to_base` is a file, and no hand-eye calibration.
+    """
+    if camera_to_base is None or not camera_to_base.is_dir():
+        frame = pose_frame(camera_to_base, frame_id)
+        return frame, lambda _name: frame
+    folder, common = camera_to_base, _base_frame(np.eye(4), frame_id or BASE_FRAME)
+
+    def of_frame(name: str) -> PoseFrame:
+        return replace(common, T_frame_cam=read_hand_eye(find_frame_pose(folder, name)).T_base_cam)
+
+    return common, of_frame
+
+
+def _base_frame(T_base_cam: Array, name: str) -> PoseFrame:
     axes = f"base of the robot, {name}; x, y, z as the hand-eye calibration has them"
-    return PoseFrame(found.T_base_cam, name, axes)
+    return PoseFrame(T_base_cam, name, axes)

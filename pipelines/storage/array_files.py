@@ -45,7 +45,8 @@ def write_npy(path: Path, array: NDArray[Any]) -> None:
     """Write `array` as .npy atomically."""
     content = io.BytesIO()  # numpy's own writing of files hides the error of a full disk
     np.save(content, array, allow_pickle=False)
-    write_bytes(path, content.getbuffer())
+    with content.getbuffer() as data:
+        write_bytes(path, data)
 
 
 def read_npy(path: Path) -> NDArray[Any]:

@@ -223,8 +223,9 @@ def test_a_client_that_sends_all_before_it_reads_gets_the_refusal(kind, size, st
             request = urllib.request.Request(url, b"x" * size, {"Content-Type": kind})
             with pytest.raises(urllib.error.HTTPError) as refused:
                 urllib.request.urlopen(request, timeout=60)
-            assert refused.value.code == status
-            assert "error" in json.load(refused.value)
+            with refused.value as answer:
+                assert answer.code == status
+                assert "error" in json.load(answer)
         finally:
             server.terminate()
 

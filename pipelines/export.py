@@ -129,7 +129,9 @@ def run(
                 TO_FOLDER[config.to][0](folder / path_of(each.result.name), each, header)
             write_sidecar(folder, stamp)
     report.done.append(output.name)
-    report.notes |= tally.notes(output.name, len(index.names), gripper, config.min_score)
+    report.notes |= tally.notes(
+        output.name, len(index.names) - len(report.failed), gripper, config.min_score
+    )
     report.seconds = time.monotonic() - started
     return report
 

@@ -32,10 +32,11 @@ class ExportTally:
     def notes(
         self, output: str, num_frames: int, gripper: ExportGripper, min_score: float
     ) -> dict[str, str]:
-        """Return sentences on the export called `output`."""
+        """Return sentences on the export called `output`, with `num_frames` written frames."""
         name, behind = gripper.model.name, 1000 * gripper.base_to_contacts
+        frames = "1 frame" if num_frames == 1 else f"{num_frames} frames"
         made = (
-            f"{self.written} grasps in {num_frames} frames; gripper {name}, origin of the "
+            f"{self.written} grasps in {frames}; gripper {name}, origin of the "
             f"poses {abs(behind):.1f} mm {'behind' if behind >= 0 else 'beyond'} the contacts"
         )
         if not gripper.is_the_one_checked:

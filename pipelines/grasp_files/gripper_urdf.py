@@ -60,17 +60,16 @@ def read_urdf_gripper(
         root = parse_urdf(existing(path)).getroot()
     except (ParseError, DefusedXmlException, ValueError) as error:
         raise FormatError(path, f"this is not XML ({error})", "a URDF is expected") from error
-    if root is None:
-        raise FormatError(path, "is empty", "a URDF is expected")
-    links = {link.get("name", ""): link for link in root.findall("link")}
-    if root.tag != "robot" or not 0 < len(links) <= MAX_LINKS:
+    links = {link.get("name", ""): link for link in (() if root is None else root.findall("link"))}
+    if root is None or root.tag != "robot" or not 0 < len(links) <= MAX_LINKS:
         raise FormatError(path, "describes no robot", "a URDF is expected")
     joints = [_joint(path, joint) for joint in root.findall("joint")]
     if len({joint.child for joint in joints}) < len(joints):
         raise FormatError(path, "has a link with two parent joints", "a tree is expected")
     if base_link and base_link not in links:
-        expected = f"its links: {', '.join(links)[:300]}"
-        raise FormatError(path, f"has no link {base_link!r}", expected)
+        raise FormatError(
+            path, f"has no link {base_link!r}", f"its links: {', '.join(links)[:300]}"
+        )
     base = base_link or _palm(path, joints)
     joints = _below(base, joints)
     sliding = sum(joint.kind == "prismatic" for joint in joints)

@@ -66,11 +66,9 @@ def read_urdf_gripper(
     joints = [_joint(path, joint) for joint in root.findall("joint")]
     if len({joint.child for joint in joints}) < len(joints):
         raise FormatError(path, "has a link with two parent joints", "a tree is expected")
-    if base_link and base_link not in links:
-        raise FormatError(
-            path, f"has no link {base_link!r}", f"its links: {', '.join(links)[:300]}"
-        )
     base = base_link or _palm(path, joints)
+    if base not in links:
+        raise FormatError(path, f"has no link {base!r}", f"its links: {', '.join(links)[:300]}")
     joints = _below(base, joints)
     sliding = sum(joint.kind == "prismatic" for joint in joints)
     if sliding != 2:

@@ -66,6 +66,7 @@ def test_meshes_are_read_relative_to_the_file(tmp_path):
     [
         ("prismatic", "revolute", "has 0 sliding joints, no two of them on one link"),
         ('link="hand"/><child link="right"', 'link="left"/><child link="right"', "no two of them"),
+        ('<parent link="hand"/>', '<parent link="palm"/>', "no link 'palm'; its links: hand"),
         ("<robot", "<!DOCTYPE r [<!ENTITY a 'b'>]><robot", "not XML"),
         ("</robot>", "", "not XML"),
         ('size="0.05 0.2 0.06"', 'size="0.05 wide 0.06"', "the value 'wide'; a number"),

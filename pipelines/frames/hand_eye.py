@@ -17,7 +17,7 @@ from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.encodings.yaml_files import read_yaml
 from pipelines.geometry.transforms import make_pose, nearest_orthogonal, quaternion_to_matrix
 from pipelines.storage.array_files import read_npy
-from pipelines.storage.files import existing, read_json
+from pipelines.storage.files import existing, is_file, read_json
 
 EXPECTED = (
     "a 4 x 4 matrix in JSON, YAML, .npy or .txt, or the YAML of easy_handeye or MoveIt's "
@@ -56,7 +56,7 @@ def find_frame_pose(folder: Path, frame_name: str) -> Path:
     """
     names = dict.fromkeys((frame_name, frame_name.rsplit("/", 1)[-1]))
     candidates = [folder / f"{name}{suffix}" for name in names for suffix in POSE_SUFFIXES]
-    path = next((path for path in candidates if path.is_file()), None)
+    path = next(filter(is_file, candidates), None)
     if path is None:
         raise SymgraspError(f"{folder} has no camera pose for it; give {frame_name}.json")
     return path

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from pipelines.errors import FormatError
-from pipelines.frames.hand_eye import read_hand_eye
+from pipelines.errors import FormatError, SymgraspError
+from pipelines.frames.hand_eye import find_frame_pose, read_hand_eye
 from pipelines.geometry.transforms import make_pose, matrix_to_quaternion, random_rotation
 
 T_BASE_CAM = make_pose(random_rotation(np.random.default_rng(3)), [0.5, -0.2, 0.8])
@@ -104,3 +104,9 @@ def test_a_text_beyond_the_limit_is_refused_and_not_cut(tmp_path):
     path.write_text(f"<!-- {'x' * 2**16} -->\n{LAUNCH}", encoding="utf-8")
     with pytest.raises(FormatError, match="is larger than 64 KiB"):
         read_hand_eye(path)
+
+
+@pytest.mark.parametrize("name", ["scene/7", "n" * 300, "null\0byte"])
+def test_a_frame_of_any_name_without_a_pose_is_reported(name, tmp_path):
+    with pytest.raises(SymgraspError, match="has no camera pose for it"):
+        find_frame_pose(tmp_path, name)

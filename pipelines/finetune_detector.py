@@ -91,7 +91,7 @@ def run(
 
 def replay(fault: Path) -> dict[str, float]:
     """Return the loss terms of the batch in `NAME.fault.safetensors`, computed again."""
-    return detector_training.replay(read_fault(fault))
+    return detector_training.replay(read_fault(fault, STAGE))
 
 
 def _inputs(roots: Sequence[Path], init: Path | None, coco_weights: str | None) -> dict[str, str]:

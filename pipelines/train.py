@@ -120,7 +120,7 @@ def _different(one: NetworkConfig, other: NetworkConfig) -> str:
 
 def replay(fault: Path) -> dict[str, float]:
     """Return the loss terms of the batch in `NAME.fault.safetensors`, computed again."""
-    return grasp_training.replay(read_fault(fault))
+    return grasp_training.replay(read_fault(fault, STAGE))
 
 
 def region_sets(

@@ -90,7 +90,7 @@ def run(
 
 def replay(fault: Path) -> dict[str, float]:
     """Return the loss terms of the batch in `NAME.fault.safetensors`, computed again."""
-    found = read_fault(fault)
+    found = read_fault(fault, STAGE)
     settings = dict(found.settings)
     method = trained_peer(str(settings.pop("method", "")))
     return method.replay(replace(found, settings=settings))

@@ -99,7 +99,7 @@ def run(
 
 def replay(fault: Path) -> dict[str, float]:
     """Return the loss terms of the batch in `NAME.fault.safetensors`, computed again."""
-    kept = read_fault(fault)
+    kept = read_fault(fault, STAGE)
     return critic_training.replay(kept, CRITIC_KINDS[kept.settings["kind"]])
 
 

@@ -161,7 +161,7 @@ def test_other_pictures_of_the_same_names_count_as_other_data(root, output, tmp_
 
 
 def test_a_scene_without_frames_gets_an_empty_file(tmp_path):
-    detector_frames.write(tmp_path / "scene.h5", [], make_stamp("x", CONFIG))
+    detector_frames.write(tmp_path / "scene.h5", [], make_stamp("finetune-detector", CONFIG))
     assert detector_frames.count_frames(tmp_path / "scene.h5") == 0
 
 
@@ -201,7 +201,9 @@ def test_a_saved_batch_gives_the_same_losses_again(root, output, tmp_path):
     trainee = DetectorTraining(detector, frames, CONFIG, torch.device("cpu"))
     batch = trainee.load(np.arange(2), [np.random.default_rng(i) for i in range(2)])
     place, path = (0, 1, 2, 3), tmp_path / "detector.fault.safetensors"
-    save_fault(path, detector, trainee.tensors(batch), place, make_stamp("x", CONFIG))
+    save_fault(
+        path, detector, trainee.tensors(batch), place, make_stamp("finetune-detector", CONFIG)
+    )
     drawing = torch.Generator().manual_seed(loss_seed(*place))
     terms = trainee.loss(detector.train(), batch, drawing)
     expected = {name: float(each.detach()) for name, each in terms.items()}

@@ -21,6 +21,7 @@ from pipelines.learning.critics.critic_rows import CriticRows
 from pipelines.learning.critics.kinds import CriticKind
 from pipelines.learning.critics.logistic import best_of_groups, log_loss, logistic_regression
 from pipelines.learning.loop.faults import Fault
+from pipelines.network.weights_files import fill
 
 LEAST_SPREAD = 1e-2  # least spread of a feature: outliers in use must not outweigh the rest
 MICRO_BATCHES = 4  # of a batch, which threads work on
@@ -187,7 +188,7 @@ def replay(fault: Fault, kind: CriticKind) -> dict[str, float]:
     config = from_settings(TrainCriticConfig, settings)
     count = len(kind.features.candidate)
     module = CriticModule(kind.features, torch.zeros(count), torch.ones(count))
-    module.load_state_dict(dict(fault.weights))
+    fill(module, fault.weights, fault.path)
     batch, weight = CriticBatch(**fault.batch), choice_weight(kind, config)
     terms = batch_loss(module, batch, fault.generator(), config.dropout, weight)
     return {name: float(term.detach()) for name, term in terms.items()}

@@ -26,6 +26,7 @@ from pipelines.learning.speed.processes import Processes
 from pipelines.metrics.coco_masks import coco_average_precision, match_masks
 from pipelines.network.detection.detector import draw_mask
 from pipelines.network.detection.mask_rcnn import build_detector, seed_samplers
+from pipelines.network.weights_files import fill
 
 CPU_MICRO_BATCH = 2  # frames
 
@@ -145,7 +146,7 @@ def replay(fault: Fault) -> dict[str, float]:
     """Return the loss terms of a kept micro-batch, on the CPU."""
     config = from_settings(FinetuneDetectorConfig, fault.settings)
     detector = build_detector(config.detector)
-    detector.load_state_dict(dict(fault.weights))
+    fill(detector, fault.weights, fault.path)
     examples = [
         DetectorExample(each["image"], {name: each[name] for name in ("boxes", "labels", "masks")})
         for each in unnumbered(fault.batch)

@@ -23,6 +23,7 @@ from pipelines.network.losses import NUM_ERROR_POINTS, total_loss
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.regions import RegionBatch
 from pipelines.network.sampling import gather
+from pipelines.network.weights_files import fill
 
 VALIDATION_BATCH = 12
 OWN = ("query", "measured")  # tensors of a sample, in addition to its regions and their copies
@@ -162,6 +163,6 @@ def replay(fault: Fault) -> dict[str, float]:
     """Return the loss terms of a kept micro-batch, on the CPU."""
     config = from_settings(TrainConfig, fault.settings)
     network = SymmetryGraspNet(config.network)
-    network.load_state_dict(dict(fault.weights))
+    fill(network, fault.weights, fault.path)
     terms = sample_loss(network.train(), Sample.of(fault.batch), config, torch.device("cpu"))
     return {name: float(term.detach()) for name, term in terms.items()}

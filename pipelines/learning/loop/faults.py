@@ -15,17 +15,21 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from pipelines.contents import json_object, mapping_in, reading, typed
 from pipelines.errors import FormatError
 from pipelines.learning.speed.gradients import Losses, loss_seed
 from pipelines.storage.checkpoints import by_kind, load_weights, save_weights
 from pipelines.storage.provenance import Stamp
+
+PLACE = ("seed", "epoch", "step", "micro_batch")
 
 
 @dataclass(frozen=True)
 class Fault:
     """Weights, a micro-batch as tensors, its place in the training, and the settings."""
 
-    weights: Mapping[str, Tensor]
+    path: Path
+    weights: dict[str, Tensor]
     batch: dict[str, Tensor]
     place: tuple[int, int, int, int]  # seed, epoch, step, number of the micro-batch
     settings: Mapping[str, Any]  # the stage's config
@@ -45,24 +49,29 @@ def save_fault(
     """Write a micro-batch whose loss or gradient is not finite."""
     tensors = {f"weights.{name}": tensor for name, tensor in module.state_dict().items()}
     tensors |= {f"batch.{name}": tensor for name, tensor in batch.items()}
-    names = ("seed", "epoch", "step", "micro_batch")
-    metadata = {"place": json.dumps(dict(zip(names, place, strict=True)))}
+    metadata = {"place": json.dumps(dict(zip(PLACE, place, strict=True)))}
     save_weights(path, tensors, metadata, stamp)
 
 
-def read_fault(path: Path) -> Fault:
-    """Read a fault that `save_fault` wrote.
+def read_fault(path: Path, stage: str) -> Fault:
+    """Read a fault that `save_fault` wrote in a training of `stage`.
 
     Raises:
-        FormatError: the file holds no fault.
+        FormatError: the file holds no fault, a damaged one, or one of another stage.
     """
+    expected = f"NAME.fault.safetensors of {stage} is expected"
     tensors, metadata = load_weights(path)
     if "place" not in metadata or "provenance" not in metadata:
-        raise FormatError(path, "holds no faulty batch", "NAME.fault.safetensors is expected")
-    seed, epoch, step, number = json.loads(metadata["place"]).values()
-    kinds = by_kind(tensors, ("weights", "batch"))
-    settings = json.loads(metadata["provenance"])["config"]
-    return Fault(kinds["weights"], kinds["batch"], (seed, epoch, step, number), settings)
+        raise FormatError(path, "holds no faulty batch", expected)
+    with reading(path, "the faulty batch", expected):
+        stamp = json_object(path, metadata["provenance"], "the stamp")
+        if stamp["stage"] != stage:
+            raise FormatError(path, f"holds a batch of {stamp['stage']}", expected)
+        where = typed(dict[str, int], json_object(path, metadata["place"], "the place"))
+        seed, epoch, step, number = (where[name] for name in PLACE)
+        kinds, settings = by_kind(tensors, ("weights", "batch")), mapping_in(stamp, "config")
+        place = seed, epoch, step, number
+        return Fault(path, kinds["weights"], kinds["batch"], place, settings)
 
 
 def describe_losses(losses: Losses) -> str:

@@ -25,6 +25,7 @@ from pipelines.learning.loop.loaders import epoch_batches
 from pipelines.learning.loop.trainee import MicroBatch
 from pipelines.learning.speed.micro_batches import micro_batch_size
 from pipelines.learning.speed.processes import Processes
+from pipelines.network.weights_files import fill
 from pipelines.storage.h5_columns import check_version
 from pipelines.storage.h5_files import new_h5, open_h5
 from pipelines.storage.provenance import Stamp
@@ -191,7 +192,7 @@ class PeerTraining(ABC):
     def replay(cls, fault: Fault) -> dict[str, float]:
         """Return the loss terms of a kept micro-batch, on the CPU."""
         network = cls.peer.build(from_settings(TrainBaselineConfig, fault.settings).network)
-        network.load_state_dict(dict(fault.weights))
+        fill(network, fault.weights, fault.path)
         of_items = any("." in name for name in fault.batch)
         items = [cls.peer.item(**each) for each in unnumbered(fault.batch)] if of_items else None
         batch = items or cls.peer.item(**fault.batch)

@@ -20,7 +20,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from torch import nn
 
 from pipelines.configs import TrainConfig
-from pipelines.errors import SymgraspError, ValueRangeError
+from pipelines.errors import FormatError, SymgraspError, ValueRangeError
 from pipelines.learning.loop import loop
 from pipelines.learning.loop.faults import read_fault
 from pipelines.learning.loop.loop import TrainingRun
@@ -37,12 +37,13 @@ from pipelines.learning.speed.gradients import GradientWorkers
 from pipelines.learning.speed.micro_batches import generator, micro_batches_of
 from pipelines.learning.speed.processes import Processes
 from pipelines.runtime.stopping import StopReason, StopSignals, TrainingStopped
-from pipelines.storage.checkpoints import load_weights
+from pipelines.storage.checkpoints import load_weights, save_weights
 from pipelines.storage.provenance import make_stamp
 
 CONFIG = TrainConfig(epochs=3, learning_rate=0.01, decay=0.5, decay_epochs=1.0, ema_decay=0.9)
 REQUEST = RunRequest(threads=1)
 STAMP = make_stamp("train", {"a": 1})
+PLACE = '{"seed": 0, "epoch": 1, "step": 2, "micro_batch": 0}'
 
 
 class Line:
@@ -364,7 +365,7 @@ def test_a_loss_that_is_not_finite_stops_with_a_sentence_and_keeps_the_batch(tmp
     output, trainee = tmp_path / "line.safetensors", Line(faulty_item=33)
     with pytest.raises(ValueRangeError, match=r"loss at epoch 1, step \d+ .* finite.*holds the"):
         trained(output, trainee=trainee)
-    fault = read_fault(file_of_run(output, FAULT))
+    fault = read_fault(file_of_run(output, FAULT), "train")
     assert torch.isnan(fault.batch["x"]).sum() == 1
     assert fault.settings == {"a": 1}
     batches = Line().epoch(0, generator(0, 0))
@@ -378,6 +379,24 @@ def test_a_loss_that_is_not_finite_stops_with_a_sentence_and_keeps_the_batch(tmp
     # The weights before that batch are there to try the batch on.
     trainee.module.load_state_dict(dict(fault.weights))
     assert all(value.isfinite().all() for value in fault.weights.values())
+
+
+@pytest.mark.parametrize(
+    ("metadata", "message"),
+    [
+        ({}, "holds no faulty batch; NAME.fault.safetensors of train is expected"),
+        ({"place": "[0, 0, 0, 0]"}, "the place is no JSON object"),
+        ({"place": '{"seed": 0}'}, "the faulty batch is not right .lacks 'epoch'."),
+        ({"place": PLACE.replace("2", '"2"')}, 'the faulty batch is not right .\\"2\\" is of'),
+        ({"place": PLACE, "provenance": "null"}, "the stamp is no JSON object"),
+        ({"place": PLACE, "provenance": '{"stage": "infer"}'}, "holds a batch of infer"),
+    ],
+)
+def test_a_file_that_holds_no_faulty_batch_is_refused_in_a_sentence(tmp_path, metadata, message):
+    path, stamped = tmp_path / "line.fault.safetensors", {"provenance": STAMP.as_text()}
+    save_weights(path, {"batch.x": torch.zeros(1)}, stamped | metadata)
+    with pytest.raises(FormatError, match=message):
+        read_fault(path, "train")
 
 
 def test_a_gradient_that_is_not_finite_stops_too(tmp_path):

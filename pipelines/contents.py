@@ -112,7 +112,8 @@ def mapping_in(content: object, name: str) -> Mapping[str, Any]:
 def typed(kind: Any, value: Any) -> Any:  # noqa: ANN401 - a type, and JSON
     """Return JSON as the type `kind`: an object as a dataclass, a whole number as a float.
 
-    `kind`: bool, int, float, str, Any, a list or dict of these, a dataclass; or one of them | None.
+    `kind`: bool, int, float, str, Any, a list, dict or tuple of these, a dataclass; or one of them
+    | None.
 
     Raises:
         TypeError, ValueError: the value has another type, or lacks a field of the dataclass.
@@ -121,8 +122,9 @@ def typed(kind: Any, value: Any) -> Any:  # noqa: ANN401 - a type, and JSON
     if kind is Any or (value is None and NoneType in inner):
         return value
     match value:
-        case list() if origin is list:
-            return [typed(inner[0], each) for each in value]
+        case list() if origin in (list, tuple):
+            kinds = inner if origin is tuple else inner * len(value)
+            return origin(typed(*pair) for pair in zip(kinds, value, strict=True))
         case dict() if origin is dict:
             return {key: typed(inner[1], each) for key, each in value.items()}
         case dict() if is_dataclass(kind):

@@ -48,7 +48,7 @@ def training(path: Path) -> tuple[str, str]:
     """Return the steps and hours of the training that wrote the weights `path`, - if unknown."""
     checkpoint = file_of_run(path, CHECKPOINT)
     if checkpoint.exists():
-        progress = Progress.of(load_training(checkpoint).progress)
+        progress = Progress.of(load_training(checkpoint).progress, checkpoint)
         return f"{progress.total_steps:,}", f"{progress.seconds / 3600:.1f}"
     _, metadata = load_arrays(path)
     return f"{int(metadata['steps']):,}" if "steps" in metadata else "-", "-"

@@ -16,7 +16,14 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from pipelines.learning.loop.runs import CHECKPOINT, CURVES, Progress, file_of_run
+from pipelines.contents import reading
+from pipelines.learning.loop.runs import (
+    CHECKPOINT,
+    CURVES,
+    TRAIN_AGAIN,
+    Progress,
+    file_of_run,
+)
 from pipelines.learning.loop.trainee import Trainee
 from pipelines.learning.progress.curves import write_curves
 from pipelines.learning.speed.weight_average import WeightAverage
@@ -49,15 +56,26 @@ class RunFiles:
         self._best: dict[str, Tensor] = {}
 
     def restore(self) -> Progress:
-        """Restore the state of the checkpoint, and return its progress."""
+        """Restore the state of the checkpoint, and return its progress.
+
+        Raises:
+            FormatError: the checkpoint is damaged.
+        """
         path = file_of_run(self.output, CHECKPOINT)
         state = load_training(path)
-        kinds = by_kind(state.model)
-        fill(self.trainee.module, kinds["weights"], path)
-        self.average.load(kinds["average"])
+        with reading(path, "the state of the training", TRAIN_AGAIN):
+            kinds = by_kind(state.model, ("weights", "average", "best"))
+            for kind in ("best", "average", "weights"):  # the module is left with its weights
+                fill(self.trainee.module, kinds["weights"] | kinds[kind], path)
+            self.average.load(kinds["average"])
+            self.optimizer.load_state_dict(state.optimizer)
+            for parameter, kept in self.optimizer.state.items():
+                shapes = {name: each.shape for name, each in kept.items()}
+                moments = dict.fromkeys(("exp_avg", "exp_avg_sq"), parameter.shape)
+                if shapes != {"step": torch.Size([]), **moments}:
+                    raise ValueError("the optimiser's state is not Adam's")
         self._best = kinds["best"]
-        self.optimizer.load_state_dict(state.optimizer)
-        return Progress.of(state.progress)
+        return Progress.of(state.progress, path)
 
     def save_checkpoint(self, progress: Progress) -> None:
         """Write everything that the training needs to continue."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from pipelines.contents import reading, typed
 from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.storage.checkpoints import load_training
 from pipelines.storage.provenance import COMPARED, Stamp, read_stamp
@@ -12,6 +13,7 @@ from pipelines.storage.provenance import COMPARED, Stamp, read_stamp
 # Endings of files that a run owns in addition to its output.
 CHECKPOINT, CURVES, LOGS = "checkpoint.safetensors", "curves.png", "logs"
 FAULT = "fault.safetensors"  # the batch without a finite loss
+TRAIN_AGAIN = "pass --overwrite to train again"
 MOST_POINTS = 400  # points of a curve; a longer curve is thinned to half
 
 
@@ -84,9 +86,18 @@ class Progress:
     history: History = field(default_factory=History)
 
     @classmethod
-    def of(cls, content: Mapping[str, Any]) -> "Progress":
-        """Return the progress that `dataclasses.asdict` made a JSON object of."""
-        return cls(**{**content, "history": History(**content.get("history", {}))})
+    def of(cls, content: Mapping[str, Any], path: Path) -> "Progress":
+        """Return the progress that `dataclasses.asdict` made a JSON object of, in the file `path`.
+
+        Raises:
+            FormatError: a value has another type or is negative.
+        """
+        with reading(path, "the progress of the training", TRAIN_AGAIN):
+            progress: Progress = typed(cls, dict(content))
+            done = progress.epoch, progress.step, progress.total_steps, progress.history.every - 1
+            if min(done) < 0:
+                raise ValueError("a number of steps is negative")
+            return progress
 
 
 def file_of_run(output: Path, kind: str) -> Path:
@@ -119,7 +130,7 @@ def find_progress(output: Path, stamp: Stamp, request: RunRequest) -> Progress |
             f"{checkpoint} was made with {' and '.join(changes)}; "
             "give the same options and data to resume it, or pass --overwrite to start again"
         )
-    progress = Progress.of(load_training(checkpoint).progress)
+    progress = Progress.of(load_training(checkpoint).progress, checkpoint)
     if progress.finished and not output.exists():  # weights are gone; the checkpoint has them
         progress.finished = False
         return progress

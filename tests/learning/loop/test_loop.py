@@ -2,6 +2,7 @@
 
 import contextlib
 import itertools
+import json
 import math
 import os
 import shutil
@@ -303,6 +304,47 @@ def test_missing_weights_are_written_again_from_the_checkpoint(tmp_path, whole):
     assert progress.finished
     assert_same(output, whole[Line])
     assert find_progress(output, STAMP, RunRequest()).finished
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda tensors, progress: progress.update(step=-1), "a number of steps is negative"),
+        (lambda tensors, progress: progress.update(epoch="1"), "is of the wrong type"),
+        (lambda tensors, progress: progress.update(other=1), "`other` is not known"),
+        (lambda tensors, progress: progress["history"].update(val={"loss": [[1]]}), "zip"),
+        (lambda tensors, progress: tensors.pop("model.average.0.weight"), "lacks '0.weight'"),
+        (lambda tensors, progress: tensors.pop("model.weights.0.weight"), "do not fit the network"),
+        (lambda tensors, progress: tensors.update({"model.x.y": torch.ones(1)}), "lacks 'x'"),
+        (lambda tensors, progress: halve(tensors, "model.best.0.weight"), "do not fit the network"),
+        (lambda tensors, progress: halve(tensors, "model.average.0.weight"), "do not fit the net"),
+        (lambda tensors, progress: halve(tensors, "optimizer.0.exp_avg"), "not Adam's"),
+        (lambda tensors, progress: tensors.pop("optimizer.0.exp_avg"), "not Adam's"),
+    ],
+)
+def test_a_damaged_checkpoint_is_refused_in_a_sentence(tmp_path, damage, message):
+    output = tmp_path / "line.safetensors"
+    run = new_run(output, Line())
+    stop_after(run, 14)
+    run.run()
+    checkpoint = file_of_run(output, CHECKPOINT)
+    tensors, metadata = load_weights(checkpoint)
+    progress = json.loads(metadata["progress"])
+    damage(tensors, progress)
+    save_weights(checkpoint, tensors, metadata | {"progress": json.dumps(progress)})
+    with pytest.raises(FormatError, match=message):
+        resume(output)
+
+
+def resume(output):
+    """Read the checkpoint as a resumed training does."""
+    find_progress(output, STAMP, RunRequest(resume=True))
+    new_run(output, Line()).resume()
+
+
+def halve(tensors, name):
+    """Leave out the second half of the tensor `name`."""
+    tensors[name] = tensors[name].flatten()[: tensors[name].numel() // 2]
 
 
 @pytest.fixture

@@ -187,6 +187,12 @@ ATTACKS = (
         )
         for name, labels in PEERS.items()
     ),
+    Attack(
+        f"train-baseline gg-cnn labelled --out stopped/gg-cnn.safetensors {PEER_TRAINING} --resume",
+        "stopped/gg-cnn.checkpoint.safetensors",
+        "stopped",
+        0.5,
+    ),
     *(
         Attack(
             f"infer table --out out.h5 --method {name} --weights weights/{name}.safetensors "
@@ -289,6 +295,11 @@ def _whole(folder: Path, run: Run) -> None:
             folder,
             f"train-baseline {name} labelled --out weights/{name}.safetensors {PEER_TRAINING}",
         )
+    # A training whose weights are gone continues from its checkpoint.
+    (folder / "stopped").mkdir()
+    (folder / "weights/gg-cnn.checkpoint.safetensors").rename(
+        folder / "stopped/gg-cnn.checkpoint.safetensors"
+    )
     run(folder, "annotate-symmetry labels")
     run(folder, "pack root --out packed --split all --set num_points=64")
     run(folder, "evaluate grasps.h5 --dataset root --out report.json")

@@ -14,6 +14,7 @@ HINTS = {
     ".svo": "save the left images and the depth of a ZED recording as PNG",
     ".svo2": "save the left images and the depth of a ZED recording as PNG",
     ".mkv": "take the images of an Azure Kinect recording out with Open3D",
+    ".zdf": "save the organised cloud as .pcd and give --depth-units-per-metre 1000",
     ".oni": "take the images of an OpenNI recording out",
     ".klg": "take the images of the recording out",
     ".raw": "save raw depth as a 16-bit PNG",

@@ -16,6 +16,7 @@ from pipelines.frames.frames import find_frames
         (["mesh.obj"], "its files are 1 .obj; no images are among them"),
         (["take.r3d"], "export colour and depth images from Record3D"),
         (["take.svo2"], "ZED recording"),
+        (["cloud.zdf"], "save the organised cloud as .pcd"),
         (["frames.tar.gz"], "unpack the archive"),
         (["frames.h5"], "or as .npz with depth, K and rgb"),
         (["left.png", "my_depth_map.pfm"], "my_depth_map.pfm and left.png are no pair"),

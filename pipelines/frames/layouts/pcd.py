@@ -1,6 +1,7 @@
 """Organised point clouds, `.pcd`: a point per pixel, row by row, metres in the camera frame.
 
-The file has no intrinsics; they follow from the points, by least squares, to the last digit.
+The file has no intrinsics; they follow from the points, by least squares, to the last digit. Clouds
+of cameras that measure in the images of a lens, not in rectified images, give its distortion too.
 """
 
 import functools
@@ -8,20 +9,25 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from pipelines.array_types import Array
 from pipelines.errors import FormatError
 from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.encodings.pcd_files import read_pcd
 from pipelines.frames.layouts.layout import FoundFrame, Layout
+from pipelines.frames.lens import BROWN, NO_DISTORTION, Distortion
 from pipelines.frames.rgbd import Frame, make_frame
 from pipelines.frames.rgbd_folder import FrameOptions
 
 GREY = 128
 LARGEST_MISFIT = 0.5  # pixels between a point's projection and its place in the grid
 FEWEST_POINTS = 100
+STEEPEST = 100.0  # slope of a ray: beyond, no camera sees
+LENS_POINTS = 4000  # points that the distortion is fitted to
 NO_PINHOLE = "its points are not those of a pinhole camera, pixel by pixel"
 SAVED_SO = "save the organised cloud in the camera frame, not turned"
 
@@ -33,7 +39,9 @@ def _find(folder: Path, options: FrameOptions) -> Iterator[FoundFrame]:
 
 
 def fit_camera(path: Path, points: Array) -> CameraFile:
-    """Return the pinhole camera that sees `points` (H, W, 3), metres, each in its own pixel.
+    """Return the camera that sees `points` (H, W, 3), in any unit, each in its own pixel.
+
+    It is a pinhole camera, or, where none fits, one with a lens of the Brown-Conrady model.
 
     Raises:
         FormatError: no such camera exists: the cloud was cropped, turned, or is not organised.
@@ -44,21 +52,46 @@ def fit_camera(path: Path, points: Array) -> CameraFile:
     if len(rows) < FEWEST_POINTS:
         found = f"{len(rows)} points are in front of the camera"
         raise FormatError(path, found, f"at least {FEWEST_POINTS} are needed; measure again")
-    x, y, z = points[seen].T
-    lengths, misfits = [], []
+    pixels = np.column_stack([columns, rows]).astype(np.float64)
     with np.errstate(over="ignore"):  # infinite slopes are in no pixel
-        both = (columns, x / z), (rows, y / z)
-    if not np.isfinite([slopes for _pixels, slopes in both]).all():
+        slopes = points[seen][:, :2] / points[seen][:, 2:]
+    if not (np.abs(slopes) <= STEEPEST).all():
         raise FormatError(path, NO_PINHOLE, SAVED_SO)
-    for pixels, slopes in both:
-        system = np.column_stack([slopes, np.ones(len(slopes))])
-        solution = np.linalg.lstsq(system, pixels.astype(np.float64), rcond=None)[0]
-        lengths.append(solution)
-        misfits.append(float(np.abs(system @ solution - pixels).max()))
-    (fx, cx), (fy, cy) = lengths
-    if not (max(misfits) <= LARGEST_MISFIT and min(fx, fy) > 0):
+    values = _fit_pinhole(slopes, pixels)
+    if np.abs(_projected(values, slopes) - pixels).max() > LARGEST_MISFIT:
+        values = _fit_lens(values, slopes, pixels)
+    fx, fy, cx, cy, *lens = values.tolist()
+    if np.abs(_projected(values, slopes) - pixels).max() > LARGEST_MISFIT or min(fx, fy) <= 0:
         raise FormatError(path, NO_PINHOLE, SAVED_SO)
-    return CameraFile(float(fx), float(fy), float(cx), float(cy), width, height, origin=str(path))
+    distortion = Distortion(BROWN, tuple(lens)) if any(lens) else NO_DISTORTION
+    return CameraFile(fx, fy, cx, cy, width, height, origin=str(path), distortion=distortion)
+
+
+def _fit_pinhole(slopes: Array, pixels: Array) -> Array:
+    """Return fx, fy, cx, cy and five zeros for the pinhole camera nearest to slopes (n, 2)."""
+    both = [
+        np.linalg.lstsq(np.column_stack([slope, np.ones_like(slope)]), place, rcond=None)[0]
+        for slope, place in zip(slopes.T, pixels.T, strict=True)
+    ]
+    return np.concatenate([*zip(*both, strict=True), np.zeros(5)])
+
+
+def _fit_lens(start: Array, slopes: Array, pixels: Array) -> Array:
+    """Return fx, fy, cx, cy, k1, k2, p1, p2, k3 of the camera nearest to slopes (n, 2)."""
+    some = slice(None, None, -(-len(slopes) // LENS_POINTS))
+
+    def misfits(values: Array) -> Array:
+        return (_projected(values, slopes[some]) - pixels[some]).ravel()
+
+    return np.asarray(least_squares(misfits, start, x_scale="jac").x)
+
+
+def _projected(values: Array, slopes: Array) -> Array:
+    """Return the pixels (n, 2) of rays with these slopes; `values` as in `_fit_lens`."""
+    fx, fy, cx, cy = values[:4]
+    matrix, still = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]), np.zeros(3)
+    rays = np.column_stack([slopes, np.ones(len(slopes))])
+    return np.asarray(cv2.projectPoints(rays, still, still, matrix, values[4:])[0][:, 0])
 
 
 def _read(path: Path, options: FrameOptions) -> Frame:

@@ -2,15 +2,18 @@
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial import KDTree
 
 from pipelines.errors import FormatError
 from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.frames import find_frames
 from pipelines.frames.layouts.pcd import fit_camera
+from pipelines.frames.lens import BROWN, Distortion, displacement
 from pipelines.frames.rgbd_folder import FrameOptions
 from pipelines.geometry.camera import Intrinsics
 from tests.frames.layouts import build
@@ -27,6 +30,44 @@ def test_the_camera_is_computed_from_the_points(
     points = Intrinsics(fx, fy, cx, cy, 48, 36).backproject(depth)
     camera = fit_camera(Path("x.pcd"), points)
     assert np.allclose([camera.fx, camera.fy, camera.cx, camera.cy], [fx, fy, cx, cy], rtol=1e-6)
+
+
+@given(st.floats(-0.25, 0.25), st.floats(-0.1, 0.1), st.floats(-0.004, 0.004), st.integers(0, 99))
+def test_the_lens_of_a_cloud_is_found_with_its_camera(
+    k1: float, k2: float, p1: float, seed: int
+) -> None:
+    """Each point lies on the ray of its pixel in an image with lens distortion."""
+    lens = (k1, k2, p1, -p1, 0.0)
+    matrix = np.array([[60.0, 0.0, 24.0], [0.0, 61.0, 18.0], [0.0, 0.0, 1.0]])
+    v, u = np.mgrid[:36, :48].astype(np.float64)
+    pixels = np.stack([u, v], 2).reshape(-1, 2)
+    rays = np.column_stack([(pixels - [24.0, 18.0]) / 60.0, np.ones(len(pixels))])
+    for _ in range(100):  # to the rays that the lens shows in these pixels
+        shown = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), matrix, np.array(lens))[0][:, 0]
+        rays[:, :2] += (pixels - shown) / 60.0
+    assert np.abs(shown - pixels).max() < 1e-6
+    depth = np.random.default_rng(seed).uniform(300.0, 900.0, (36, 48, 1))
+    camera = fit_camera(Path("x.pcd"), rays.reshape(36, 48, 3) * depth)
+    found = camera.fx, camera.fy, camera.cx, camera.cy
+    if camera.distortion.coefficients:
+        assert np.allclose(found, [60.0, 61.0, 24.0, 18.0], atol=0.5)
+        moved = Intrinsics(60.0, 61.0, 24.0, 18.0, 48, 36)
+        expected = displacement(moved, Distortion(BROWN, lens))
+        assert displacement(moved, camera.distortion) == pytest.approx(expected, abs=0.6)
+
+
+def test_a_cloud_with_lens_distortion_gives_an_undistorted_frame(tmp_path: Path) -> None:
+    points = build.cloud(0)
+    slopes = np.stack([points["x"] / points["z"], points["y"] / points["z"]], 2)
+    stretched = 1 + 0.2 * (slopes**2).sum(2)
+    points["x"], points["y"] = points["x"] * stretched, points["y"] * stretched
+    write(tmp_path / "x.pcd", points)
+    frame = find_frames(tmp_path)[0].read()
+    assert "lens distortion (Brown-Conrady) is removed" in frame.notes[0]
+    again = frame.intrinsics.backproject(frame.depth)[frame.depth > 0]
+    given = np.column_stack([points[axis].ravel() for axis in "xyz"])
+    distance, _ = KDTree(given[np.isfinite(given).all(1)]).query(again)
+    assert np.quantile(distance, 0.9) < 0.7 * np.median(again[:, 2]) / frame.intrinsics.fx
 
 
 def write(path: Path, points: np.ndarray, **head: str) -> None:

@@ -1,0 +1,62 @@
+"""Copy a dataset with the true depth of its objects: `python -m tools.true_depth ROOT OUT`.
+
+OUT is ROOT with the depth of the true meshes at each measured pixel of an object. Missing pixels
+stay missing, and table and surroundings keep the sensor's depth. All other files are hard links,
+so that OUT takes little space and must be on the same disk.
+"""
+
+import argparse
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+
+from pipelines.array_types import Array
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot, write_depth
+from pipelines.dataset.graspnet.graspnet_layout import FrameFiles
+from pipelines.dataset.meshes import read_mesh
+from pipelines.errors import SymgraspError
+from pipelines.geometry.rendering import Scene, cast_view
+
+
+def true_depth(root: GraspNetRoot, frame: FrameFiles) -> Array:
+    """Return the depth (H, W) of `frame`, metres, true on objects, 0 = missing."""
+    measured, intrinsics = root.read_depth(frame)
+    poses = root.read_annotation(frame)
+    meshes = [read_mesh(root.model_path(each.object_id)) for each in poses]
+    hits = cast_view(Scene(meshes, [each.T_cam_obj for each in poses]), intrinsics, np.eye(4))
+    numbers = np.array([each.object_id + 1 for each in poses])
+    seen = np.where(hits.object_index >= 0, numbers[hits.object_index], 0)
+    # At an edge the sensor may have measured the surface beside the labelled one.
+    same = (measured > 0) & (seen > 0) & (seen == root.read_label(frame))
+    return np.where(same, hits.depth, measured)
+
+
+def copy_with_true_depth(source: Path, out: Path) -> int:
+    """Write `out` as described above; return its number of frames.
+
+    Raises:
+        SymgraspError: `out` exists.
+    """
+    if out.exists():
+        raise SymgraspError(f"{out} exists; name a new folder")
+    root, copied = GraspNetRoot.finished(source), GraspNetRoot(out)
+    shutil.copytree(source, out, copy_function=os.link, ignore=shutil.ignore_patterns("depth"))
+    frames = [frame for scene in root.scenes() for frame in scene.frames()]
+    for frame in frames:
+        write_depth(copied.frame(frame.name).path("depth"), true_depth(root, frame))
+    return len(frames)
+
+
+def main() -> None:
+    """Read the options and copy."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("root", type=Path, help="dataset in GraspNet-1Billion's layout")
+    parser.add_argument("out", type=Path, help="new folder")
+    options = parser.parse_args()
+    copy_with_true_depth(options.root, options.out)
+
+
+if __name__ == "__main__":
+    main()

@@ -8,6 +8,7 @@ so that OUT takes little space and must be on the same disk.
 import argparse
 import os
 import shutil
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -18,13 +19,17 @@ from pipelines.dataset.graspnet.graspnet_layout import FrameFiles
 from pipelines.dataset.meshes import read_mesh
 from pipelines.errors import SymgraspError
 from pipelines.geometry.rendering import Scene, cast_view
+from pipelines.storage.files import atomic_folder
+from pipelines.storage.provenance import make_stamp, write_sidecar
+
+_read_once = cache(read_mesh)  # an object is in many frames
 
 
 def true_depth(root: GraspNetRoot, frame: FrameFiles) -> Array:
     """Return the depth (H, W) of `frame`, metres, true on objects, 0 = missing."""
     measured, intrinsics = root.read_depth(frame)
     poses = root.read_annotation(frame)
-    meshes = [read_mesh(root.model_path(each.object_id)) for each in poses]
+    meshes = [_read_once(root.model_path(each.object_id)) for each in poses]
     hits = cast_view(Scene(meshes, [each.T_cam_obj for each in poses]), intrinsics, np.eye(4))
     numbers = np.array([each.object_id + 1 for each in poses])
     seen = np.where(hits.object_index >= 0, numbers[hits.object_index], 0)
@@ -41,12 +46,17 @@ def copy_with_true_depth(source: Path, out: Path) -> int:
     """
     if out.exists():
         raise SymgraspError(f"{out} exists; name a new folder")
-    root, copied = GraspNetRoot.finished(source), GraspNetRoot(out)
-    shutil.copytree(source, out, copy_function=os.link, ignore=shutil.ignore_patterns("depth"))
-    frames = [frame for scene in root.scenes() for frame in scene.frames()]
-    for frame in frames:
-        write_depth(copied.frame(frame.name).path("depth"), true_depth(root, frame))
-    return len(frames)
+    root, count = GraspNetRoot.finished(source), 0
+    ignored = shutil.ignore_patterns("depth")
+    with atomic_folder(out) as folder:
+        shutil.copytree(source, folder, copy_function=os.link, ignore=ignored, dirs_exist_ok=True)
+        copied, stamp = GraspNetRoot(folder), make_stamp("true_depth", {"root": str(source)})
+        for scene in root.scenes():
+            write_sidecar(copied.scene_folder(scene.scene_id), stamp)
+            for frame in scene.frames():
+                write_depth(copied.frame(frame.name).path("depth"), true_depth(root, frame))
+                count += 1
+    return count
 
 
 def main() -> None:

@@ -5,6 +5,7 @@ import pytest
 
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot, write_depth
 from pipelines.errors import SymgraspError
+from pipelines.storage.provenance import make_stamp, read_stamp, write_sidecar
 from tests.stages.toy_root import frame_names, write_root
 from tools.true_depth import copy_with_true_depth
 
@@ -19,8 +20,12 @@ def test_objects_get_their_depth_back_and_all_else_stays(tmp_path):
         wrong[rng.random(wrong.shape) < 0.1] = 0.0
         write_depth(frame.path("depth"), wrong)
         noisy[name] = root.read_depth(frame)[0]
+    scene = root.scene_folder(root.scene_ids()[0])
+    write_sidecar(scene, make_stamp("synthesize", {}))
     assert copy_with_true_depth(root.root, tmp_path / "true") == len(frame_names())
     copied = GraspNetRoot(tmp_path / "true")
+    assert read_stamp(copied.scene_folder(root.scene_ids()[0]))["stage"] == "true_depth"
+    assert read_stamp(scene)["stage"] == "synthesize"
     for name in frame_names():
         frame = copied.frame(name)
         depth, objects = copied.read_depth(frame)[0], copied.read_label(frame) > 0

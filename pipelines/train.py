@@ -10,6 +10,7 @@ Writes  NAME.safetensors            the best weights so far by validation on uns
 """
 
 import time
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -51,13 +52,13 @@ def run(
     config: TrainConfig,
     request: RunRequest,
     *,
-    endless: Path | None = None,
+    endless: Sequence[Path] = (),
     init: Path | None = None,
     workers: int = 1,
 ) -> StageReport:
     """Train on the folder `packed` and validate on `validation`, or on scenes held out.
 
-    `endless`: a dataset with labels; `config.endless.share` of each batch is rendered of its
+    `endless`: datasets with labels; `config.endless.share` of each batch is rendered of their
     objects by `workers` processes. `init`: weights of an earlier training to start from.
     """
     with process_group(request.device) as (processes, device), ExitStack() as stack:
@@ -69,7 +70,7 @@ def run(
             return StageReport(STAGE, skipped=[output.name])
         train_set, val_set = region_sets(packed, validation, config, request.seed)
         rendered = None
-        if endless is not None:
+        if endless:
             rendered = stack.enter_context(_renderers(endless, config, request.seed, workers))
         source = TrainingRegions(train_set, rendered, config)
         network = build(config, request.seed, init)
@@ -79,14 +80,17 @@ def run(
         return training.report(started, resumes=earlier is not None)
 
 
-def _renderers(endless: Path, config: TrainConfig, seed: int, workers: int) -> "EndlessPool":
+def _renderers(
+    endless: Sequence[Path], config: TrainConfig, seed: int, workers: int
+) -> "EndlessPool":
     """Return the rendering processes; faults of the inputs are raised before they start."""
     from pipelines.synthesis.endless import trainable_objects  # noqa: PLC0415 - slow to import
     from pipelines.synthesis.endless_pool import EndlessPool  # noqa: PLC0415
     from pipelines.synthesis.scenes.tables import check_object_counts  # noqa: PLC0415
 
     check_object_counts(config.endless.min_objects, config.endless.max_objects)
-    trainable_objects(GraspNetRoot.finished(endless))
+    for root in endless:
+        trainable_objects(GraspNetRoot.finished(root))
     return EndlessPool(endless, config.endless, seed, workers)
 
 
@@ -168,13 +172,15 @@ def _all_regions(packed: Path) -> RegionSet:
 
 
 def _inputs(
-    packed: Path | None, validation: Path | None, endless: Path | None, init: Path | None
+    packed: Path | None, validation: Path | None, endless: Sequence[Path], init: Path | None
 ) -> dict[str, str]:
-    files = {
+    files: dict[str, tuple[Path | None, str]] = {
         "packed": (packed, "**/*.h5"),
         "validation": (validation, "**/*.h5"),
-        "endless symmetry": (endless, "symmetry/*.json"),
-        "endless affordance": (endless, "affordance/*.h5"),
     }
+    for number, root in enumerate(endless, 1):
+        of_root = "endless" if number == 1 else f"endless {number}"
+        files[f"{of_root} symmetry"] = (root, "symmetry/*.json")
+        files[f"{of_root} affordance"] = (root, "affordance/*.h5")
     inputs = {name: digest_folder(root, glob) for name, (root, glob) in files.items() if root}
     return inputs if init is None else inputs | {"init": digest(existing(init))}

@@ -38,10 +38,11 @@ def train(
         ),
     ] = None,
     endless: Annotated[
-        Path | None,
+        list[Path] | None,
         typer.Option(
             exists=True,
-            help="Dataset root with symmetry/ and affordance/: fresh regions of its objects.",
+            help="Dataset root with symmetry/ and affordance/: fresh regions of its objects; may "
+            "be given again.",
         ),
     ] = None,
     val: Annotated[
@@ -60,11 +61,11 @@ def train(
     """Train the symmetry-aware grasp network on packed regions."""
     from pipelines import train as stage
 
-    share = 0.0 if endless is None else 1.0 if packed is None else config.endless.share or 0.5
+    share = 0.0 if not endless else 1.0 if packed is None else config.endless.share or 0.5
     config = replace(config, endless=replace(config.endless, share=share))
-    if packed is None and endless is None:
+    if packed is None and not endless:
         raise typer.BadParameter("give PACKED, --endless ROOT, or both")
     report = stage.run(
-        packed, val, out, config, request, endless=endless, init=init, workers=workers
+        packed, val, out, config, request, endless=endless or (), init=init, workers=workers
     )
     conclude(report, out, then=("infer", "FRAMES", "--network", out))

@@ -50,6 +50,11 @@ class LabelledObject:
     regioned: RegionedObject
     surface: LabelledSurface
 
+    def numbered(self, number: int) -> "LabelledObject":
+        """Return the object with another `number` in scenes."""
+        scene = replace(self.scene, object_id=number, name=f"{number:03d}")
+        return replace(self, scene=scene)
+
 
 def scene_generator(seed: int, scene: int) -> np.random.Generator:
     """Return the generator of scene number `scene` of a training with `seed`."""
@@ -108,10 +113,18 @@ class EndlessScenes:
         self.config, self.seed = config, seed
 
     @classmethod
-    def of_root(cls, root: Path, config: EndlessConfig, seed: int) -> "EndlessScenes":
-        """Return scenes of the objects of dataset `root` that are not reserved for evaluation."""
-        files = GraspNetRoot(root)
-        return cls({i: read_object(files, i) for i in trainable_objects(files)}, config, seed)
+    def of_roots(cls, roots: Sequence[Path], config: EndlessConfig, seed: int) -> "EndlessScenes":
+        """Return scenes of the objects of datasets that are not reserved for evaluation.
+
+        Objects of the first of `roots` keep their numbers; those of the others follow.
+        """
+        objects: dict[int, LabelledObject] = {}
+        for root in roots:
+            files, first = GraspNetRoot(root), max(objects, default=-1) + 1
+            for object_id in trainable_objects(files):
+                number = first + object_id
+                objects[number] = read_object(files, object_id).numbered(number)
+        return cls(objects, config, seed)
 
     def regions(self, scene: int) -> list[PackedRegion]:
         """Return `regions_per_scene` regions of scene number `scene`, the same in every call.

@@ -3,6 +3,7 @@
 import os
 import signal
 import threading
+from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
@@ -30,7 +31,9 @@ class EndlessPool:
     groups in ascending order. A scene does not depend on the process that renders the scene.
     """
 
-    def __init__(self, root: Path, config: EndlessConfig, seed: int, workers: int) -> None:
+    def __init__(
+        self, roots: Sequence[Path], config: EndlessConfig, seed: int, workers: int
+    ) -> None:
         self.together = config.scenes_together
         self._futures: dict[int, Future[list[PackedRegion]]] = {}
         # A thread that loads ahead may start a process while the pool ends, which nobody would end.
@@ -41,7 +44,7 @@ class EndlessPool:
             workers,
             mp_context=get_context("spawn"),
             initializer=_start,
-            initargs=(root, config, seed, os.getpid()),
+            initargs=(roots, config, seed, os.getpid()),
         )
 
     def __enter__(self) -> Self:
@@ -87,12 +90,12 @@ class EndlessPool:
                     self._futures[number] = self._pool.submit(_regions, number)
 
 
-def _start(root: Path, config: EndlessConfig, seed: int, parent: int) -> None:
+def _start(roots: Sequence[Path], config: EndlessConfig, seed: int, parent: int) -> None:
     begin_worker(parent)  # the training handles Ctrl-C
     signal.signal(signal.SIGTERM, _end_soon)  # torchrun signals all; the step needs its scenes
     cv2.setNumThreads(1)
     try:
-        _OWN.append(EndlessScenes.of_root(root, config, seed))
+        _OWN.append(EndlessScenes.of_roots(roots, config, seed))
     except SymgraspError as error:  # raised when a scene is requested
         _OWN.append(error)
 

@@ -167,7 +167,7 @@ def test_impossible_numbers_of_objects_are_refused_before_rendering(packed, tmp_
     root = write_root(tmp_path / "root").root
     config = replace(CONFIG, endless=replace(ENDLESS, share=0.5, min_objects=5, max_objects=4))
     with pytest.raises(ValueRangeError, match="min_objects is 5; it must be at most max_objects"):
-        train.run(packed, None, tmp_path / "n.safetensors", config, REQUEST, endless=root)
+        train.run(packed, None, tmp_path / "n.safetensors", config, REQUEST, endless=[root])
 
 
 def test_a_training_on_rendered_and_packed_regions_resumes_to_the_same_bytes(packed, tmp_path):
@@ -177,11 +177,11 @@ def test_a_training_on_rendered_and_packed_regions_resumes_to_the_same_bytes(pac
     endless = replace(ENDLESS, share=0.5, scenes_together=2)  # two groups are rendered ahead
     config = replace(CONFIG, epochs=1, endless=endless)
     outputs = [tmp_path / name / "network.safetensors" for name in ("whole", "halves")]
-    train.run(packed, None, outputs[0], config, REQUEST, endless=root)
+    train.run(packed, None, outputs[0], config, REQUEST, endless=[root])
     with stopped_after(2):
-        train.run(packed, None, outputs[1], config, REQUEST, endless=root)
+        train.run(packed, None, outputs[1], config, REQUEST, endless=[root])
     resumed = replace(REQUEST, resume=True)
-    train.run(packed, None, outputs[1], config, resumed, endless=root)
+    train.run(packed, None, outputs[1], config, resumed, endless=[root])
     assert outputs[0].read_bytes() == outputs[1].read_bytes()
 
 

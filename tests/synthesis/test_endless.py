@@ -42,25 +42,25 @@ def root(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def scenes(root):
-    return EndlessScenes.of_root(root.root, CONFIG, 0)
+    return EndlessScenes.of_roots([root.root], CONFIG, 0)
 
 
 def test_a_scene_is_the_same_whenever_it_is_drawn(root, scenes):
-    first, again = scenes.regions(3), EndlessScenes.of_root(root.root, CONFIG, 0).regions(3)
+    first, again = scenes.regions(3), EndlessScenes.of_roots([root.root], CONFIG, 0).regions(3)
     assert len(first) == CONFIG.regions_per_scene
     for one, other in zip(first, again, strict=True):
         np.testing.assert_array_equal(one.points, other.points)
         np.testing.assert_array_equal(one.affordance, other.affordance)
     other_scene, other_seed = (
         scenes.regions(4),
-        EndlessScenes.of_root(root.root, CONFIG, 1).regions(3),
+        EndlessScenes.of_roots([root.root], CONFIG, 1).regions(3),
     )
     assert not np.array_equal(first[0].points, other_scene[0].points)
     assert not np.array_equal(first[0].points, other_seed[0].points)
 
 
 def test_scenes_without_a_region_are_drawn_again_however_few_regions_are_wanted(root, monkeypatch):
-    scenes = EndlessScenes.of_root(root.root, replace(CONFIG, regions_per_scene=1), 0)
+    scenes = EndlessScenes.of_roots([root.root], replace(CONFIG, regions_per_scene=1), 0)
     drawn, draw = [], EndlessScenes._drawn_clouds
 
     def empty_at_first(self, rng):
@@ -75,6 +75,16 @@ def test_scenes_without_a_region_are_drawn_again_however_few_regions_are_wanted(
 def test_objects_that_an_evaluation_keeps_unseen_are_never_shown(root, scenes):
     assert trainable_objects(root) == [0, 1]
     assert {region.object_id for n in range(4) for region in scenes.regions(n)} == {0, 1}
+
+
+def test_objects_of_several_roots_are_shown_together(root, scenes):
+    both = EndlessScenes.of_roots([root.root, root.root], CONFIG, 0)
+    assert list(both.objects) == [0, 1, 2, 3]  # the trainable objects 0 and 1 of either root
+    for number, regioned in both.regioned.items():
+        same = scenes.objects[number % 2]
+        assert both.objects[number].scene.object_id == number
+        np.testing.assert_array_equal(regioned.mesh.vertices, same.regioned.mesh.vertices)
+    assert {region.object_id for n in range(6) for region in both.regions(n)} == {0, 1, 2, 3}
 
 
 def test_without_a_list_only_objects_of_train_scenes_are_shown(tmp_path):
@@ -96,7 +106,7 @@ def test_generators_never_equal_those_of_a_dataset(seed, other, tag, scene):
 
 
 def test_points_and_symmetries_are_of_the_same_object(root):
-    for region in EndlessScenes.of_root(root.root, EXACT, 5).regions(0):
+    for region in EndlessScenes.of_roots([root.root], EXACT, 5).regions(0):
         center = np.nanmean(region.point, axis=0)
         away = region.points - center
         assert np.abs(away).max() < 0.08  # the box's half diagonal and sensor-free points
@@ -112,7 +122,7 @@ def test_points_and_symmetries_are_of_the_same_object(root):
 
 def test_mask_errors_add_points_of_other_objects_and_lose_own_ones(root):
     def strays(config):
-        drawn = EndlessScenes.of_root(root.root, config, 2)
+        drawn = EndlessScenes.of_roots([root.root], config, 2)
         regions = [region for n in range(5) for region in drawn.regions(n)]
         away = [np.linalg.norm(r.points - np.nanmean(r.point, axis=0), axis=1) for r in regions]
         return np.mean(np.concatenate(away) > 0.075)
@@ -124,7 +134,7 @@ def test_mask_errors_add_points_of_other_objects_and_lose_own_ones(root):
 
 def test_a_hand_in_front_of_the_objects_hides_some_of_them(root):
     def shown(occluders):
-        drawn = EndlessScenes.of_root(root.root, replace(EXACT, occluders=occluders, views=4), 3)
+        drawn = EndlessScenes.of_roots([root.root], replace(EXACT, occluders=occluders, views=4), 3)
         clouds = [drawn._drawn_clouds(np.random.default_rng(seed)) for seed in range(6)]
         return sum(len(each) for each in clouds)
 

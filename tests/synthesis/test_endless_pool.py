@@ -36,8 +36,8 @@ def ask_to_end(pool, number):
 
 
 def test_regions_are_the_same_in_any_order_and_come_from_processes_asked_to_end(root):
-    here = EndlessScenes.of_root(root, FEW, 0)
-    with EndlessPool(root, FEW, 0, 1) as pool:
+    here = EndlessScenes.of_roots([root], FEW, 0)
+    with EndlessPool([root], FEW, 0, 1) as pool:
         for scene, slot in ((1, 0), (0, 3), (2, 5), (3, 1), (5, 0)):
             ours, theirs = here.regions(scene)[slot], pool.region(scene, slot)
             np.testing.assert_array_equal(theirs.points, ours.points)
@@ -58,7 +58,7 @@ def test_a_missing_label_is_reported_to_the_process_that_requests_a_region(tmp_p
     object_list.write(made.root / "objects.json", records, STAMP)
     made.symmetry_path(1).unlink()
     with (
-        EndlessPool(made.root, FEW, 0, 1) as pool,
+        EndlessPool([made.root], FEW, 0, 1) as pool,
         pytest.raises(SymgraspError, match=r"001\.json does not exist; .*annotate-symmetry"),
     ):
         pool.region(0, 0)
@@ -75,7 +75,7 @@ def write_half_a_result(marker):
 
 
 def test_closing_the_pool_waits_neither_for_scenes_nor_for_the_rest_of_a_result(root, tmp_path):
-    with EndlessPool(root, FEW, 0, 1) as pool:
+    with EndlessPool([root], FEW, 0, 1) as pool:
         pool.region(0, 0)
         cut_off = pool._pool.submit(write_half_a_result, tmp_path / "half")
         waiting = pool._pool.submit(time.sleep, 3600.0)
@@ -89,7 +89,7 @@ def test_closing_the_pool_waits_neither_for_scenes_nor_for_the_rest_of_a_result(
 
 def test_a_thread_that_loads_ahead_starts_no_process_after_the_end_of_the_pool(root):
     others = set(multiprocessing.active_children())
-    with EndlessPool(root, FEW, 0, 1) as pool:
+    with EndlessPool([root], FEW, 0, 1) as pool:
         pass
     with pytest.raises(SymgraspError, match="after the end of the training"):
         pool.region(0, 0)

@@ -64,7 +64,7 @@ def objects(tmp_path_factory):
     object_list.write(made.root / "objects.json", records, STAMP)
     path = tmp_path_factory.mktemp("packed") / "objects.xz"
     assert labelled_objects.write(path, [made.root]) == 3
-    before = EndlessScenes.of_root(made.root, FEW, 0).objects
+    before = EndlessScenes.of_roots([made.root], FEW, 0).objects
     return before, labelled_objects.read(path)
 
 

@@ -20,7 +20,7 @@ METRICS = {
     "symmetry_ap sphere": "AP sphere",
     "mask_ap50": "mask AP50",
 }
-FULL, PLAIN, IN_CAMERA = "full", "plain", "told-in-camera"
+FULL, PLAIN, IN_CAMERA = "full", "plain", "predicted-in-camera"
 NEITHER = "no-pift-no-siamese"
 UNFITTED = ("--no-grounding", "--rank-by", "eq8")  # the paper's use of a network's output
 NOTE = """\

@@ -10,7 +10,7 @@ import sys
 import urllib.request
 from pathlib import Path
 from typing import Any
-from urllib.error import HTTPError
+from urllib.error import HTTPError, URLError
 
 URL = "http://127.0.0.1:8765/grasps"
 
@@ -37,5 +37,7 @@ if __name__ == "__main__":
         found = grasps_of(**vars(parser.parse_args()))
     except HTTPError as refused:
         sys.exit(refused.read().decode())  # one sentence that names the problem of the frame
+    except URLError as error:
+        sys.exit(f"no server answers ({error.reason}); `symgrasp serve` says when it is ready")
     for grasp in found["grasps"][:3]:
         print(grasp["rank_score"], grasp["opening"], grasp["pose"])

@@ -20,7 +20,7 @@ inspect_frames       RGB-D frames of any layout                  nothing; prints
 convert_frames       RGB-D frames of any layout                  RGB-D frames as flat pairs
 gripper              a gripper's URDF or TOML file               a gripper's TOML file, its picture
 workspace            RGB-D frames of any layout                  pictures, masks; prints a box
-infer                RGB-D frames, both weights                  grasps.h5, overlay pictures
+infer                RGB-D frames, weights                       grasps.h5, overlay pictures
 infer_watch          RGB-D frames as they arrive, weights        a file per frame, grasps.h5
 serve                frames posted over HTTP, weights            answers with grasps
 view                 grasps.h5, RGB-D frames                     OUT/index.html, a page per frame
@@ -53,7 +53,7 @@ level  package        subject
 7      dataset        A dataset root in GraspNet-1Billion's layout: meshes, labels, symmetries
 7      metrics        Grasp and symmetry metrics on arrays
 8      synthesis      Procedural objects, scenes, sensors and grasp labels with known truth
-8      grasp_files    `grasps.h5`, its shards and tables, and gripper files
+8      grasp_files    `grasps.h5`, its parts and tables, and gripper files
 8      refinement     Symmetric copies of annotated grasps, with newly computed contacts
 9      pictures       Pictures and pages of frames, grasps and symmetries
 10     inference      Computation of a frame's grasps: models, regions, and runs over many frames

@@ -24,6 +24,7 @@ from pipelines.errors import SymgraspError
 from pipelines.evaluation.figures import TEST_SPLITS
 from pipelines.evaluation.pages.report_page import TEMPLATES
 from pipelines.evaluation.paired_runs import EvaluatedRun, paired_frames
+from pipelines.evaluation.reports import WITH
 from pipelines.evaluation.run_readers import DEFAULT_ROW, compared_folders, friction_of, read_run
 from pipelines.evaluation.tables import Table
 from pipelines.evaluation.tallies import ALL
@@ -38,7 +39,9 @@ JUDGED = {"grasps", "dump"}  # inputs that are evaluated, not labels to evaluate
 # None of these affects our own row; `hands` is the name of the grasp critic's digest in 0.1.
 FOR_BASELINES = ("baselines", "seed", "affordance", "grasp_critic", "hands")
 SEEDED = ("simulate",)  # stages where the seed affects all rows: it cuts models into pieces
-VIEWS_NOTE = "Views of one scene are much alike: over scenes, intervals are wider and more honest."
+VIEWS_NOTE = (
+    "Views of one scene are alike: intervals over frames are too narrow, --unit scene is better."
+)
 METRIC_NAMES = {
     "grasp_quality": "grasp quality",
     "antipodal_score": "antipodal, pair",
@@ -209,9 +212,14 @@ def _setting_notes(runs: Sequence[EvaluatedRun], row: str) -> list[str]:
             notes.append(f"{run.name} evaluates the same grasps as {runs[0].name}.")
         if "gripper" in other:
             notes.append(f"{run.name} was evaluated with another gripper.")
-        if other := [name for name in other if name not in {*JUDGED, "gripper"}]:
+        if other := [name for name in other if _is_label(name)]:
             notes.append(f"{run.name} was evaluated on other labels: {', '.join(other)}.")
     return notes
+
+
+def _is_label(name: str) -> bool:
+    """Return whether an input of an evaluation is its truth, not grasps or a gripper."""
+    return name not in {*JUDGED, "gripper"} and not name.startswith(WITH)
 
 
 def _provenance(run: EvaluatedRun, row: str) -> tuple[dict[str, Any], dict[str, Any]]:

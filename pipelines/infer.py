@@ -4,8 +4,8 @@ Reads   a folder of RGB-D frames in any layout that `frames/frames.py` knows; we
 Writes  one `grasps.h5` for all frames; with overlays, a picture per frame
 
 Frames are processed in parallel: in threads, or, if there are many, in processes (D. 64). Each
-finished frame is a shard next to the output until all are done, so a killed run resumes where it
-stopped and ends with the same bytes; the output is joined from the shards, so memory does not grow
+finished frame is a part next to the output until all are done, so a killed run resumes where it
+stopped and ends with the same bytes; the output is joined from the parts, so memory does not grow
 with the number of frames. A frame that cannot be read is listed as failed and does not stop the
 others; a frame with nothing to grasp is `empty`.
 """
@@ -26,6 +26,7 @@ from pipelines.inference.infer_run import (
     InferRun,
     earlier_frames,
     finished_items,
+    holds_results,
     infer_frame,
     overlay_path,
     refuse_foreign_output,
@@ -73,9 +74,9 @@ def run(
     settings = RunSettings(paths, config, seed, device, timings)
     run = InferRun(settings, stated, choice)
     items = run.items(run.find())
-    if not options.overwrite and paths.output.exists() and _is_complete(run, items):
+    if not options.overwrite and holds_results(paths.output) and _is_complete(run, items):
         if not options.dry_run:
-            grasps_file.remove_shards(paths.output)  # the parts of `infer --watch`
+            grasps_file.remove_parts(paths.output)  # the parts of `infer --watch`
         report = _finished_report(paths, len(items))
     else:
         report = _make(run, items, options)
@@ -92,7 +93,7 @@ def _make(run: InferRun, items: Sequence[WorkItem], options: BatchOptions) -> St
     settings = run.settings
     finished = {} if options.dry_run else {item.name: item for item in finished_items(items)}
     todo = [item for item in items if item.name not in finished]
-    # Shards have this run's stamp, so --overwrite keeps them.
+    # Parts have this run's stamp, so --overwrite keeps them.
     parallel = options_for_frames(replace(options, overwrite=False), len(todo), settings.device)
     with settings.one_core() if parallel.backend == "threading" else nullcontext():
         if todo and not options.dry_run:
@@ -101,7 +102,7 @@ def _make(run: InferRun, items: Sequence[WorkItem], options: BatchOptions) -> St
     report.skipped += finished
     if not options.dry_run:
         run.assemble(items, report.failed)
-        grasps_file.remove_shards(run.output)
+        grasps_file.remove_parts(run.output)
     return report
 
 

@@ -93,7 +93,7 @@ row ours
 row as-printed --preset paper --network "$WEIGHTS/as-printed.safetensors"
 for name in $METHODS; do
     row "$name" --method "$name" --weights "$WEIGHTS/$name.safetensors"
-    row "$name-selected" --method "$name" --weights "$WEIGHTS/$name.safetensors" --set selects_for_peers=true
+    row "$name-selected" --method "$name" --weights "$WEIGHTS/$name.safetensors" --set selects_for_compared_methods=true
 done
 row symmetrynet --method symmetrynet --weights "$WEIGHTS/symmetrynet.safetensors"
 row symmetry-icp --method symmetry-icp

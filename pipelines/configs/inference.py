@@ -57,7 +57,7 @@ class InferConfig:
         f"alone; or a compared method with --weights: {', '.join(TRAINED_METHODS)}.",
         "Sec. IV-A, IV-E",
     )
-    selects_for_peers: bool = choice(
+    selects_for_compared_methods: bool = choice(
         False,
         "Keep only feasible grasps of a compared method, by our selection (Sec. III-F).",
         "D. 133",

@@ -88,7 +88,10 @@ class FeasibilityConfig:
         0.004, "m", "Least height of the gripper over the table, on its approach too.", BY_EYE
     )
     keeps_off_plane: bool = choice(
-        True, "Keep the gripper above the support plane, also where it is unseen.", BY_EYE
+        True,
+        "Keep the gripper above the support plane, also where it is unseen; without this, "
+        "approaches are limited as if there were no plane, by `max_view_angle`.",
+        BY_EYE,
     )
     keeps_within_image: bool = choice(
         True,

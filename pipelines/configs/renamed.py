@@ -26,6 +26,7 @@ RENAMED: dict[str, dict[str, str]] = {
     "ScoreGraspsConfig": {"max_width": "clip_width"},
     "InferConfig": {
         **GROUPED,
+        "selects_for_peers": "selects_for_compared_methods",
         "selection.ground_symmetries": "selection.symmetry.is_fitted",
         "selection.rank_by": "selection.ranking.by",
         "selection.planar_below": "selection.ranking.sufficient",

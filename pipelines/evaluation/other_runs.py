@@ -4,12 +4,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from pipelines.configs.inference import TRAINED_METHODS
+from pipelines.contents import mapping_in
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
 from pipelines.errors import FormatError, ValueRangeError
 from pipelines.evaluation.predictions import FramePredictions
 from pipelines.evaluation.reports import WITH
-from pipelines.evaluation.rows import BASELINE_ROWS, OURS
+from pipelines.evaluation.rows import AS_PRINTED, BASELINE_ROWS, BY_FITTING, OURS, SELECTED
 from pipelines.evaluation.truth_inputs import truth_digests
 from pipelines.grasp_files.grasps_stream import (
     GraspsIndex,
@@ -48,6 +50,7 @@ class ComparedRuns:
             if path.stem in (*paths, *BASELINE_ROWS):
                 expected = f"another file name: {path.stem} is the name of another row"
                 raise ValueRangeError("--with", path, expected)
+            _refuse_misnamed(path)
             paths[path.stem] = path
         return cls(root, index, paths, _scenes(paths, root))
 
@@ -69,6 +72,22 @@ class ComparedRuns:
         ]
         drop_stale(items, options)
         return items
+
+
+def _refuse_misnamed(path: Path) -> None:
+    """Raise ValueRangeError if the file has the name of a method that did not find its grasps."""
+    name = path.stem.removesuffix(SELECTED)
+    config = read_index(path).attrs["config"]
+    if name in (*TRAINED_METHODS, BY_FITTING):
+        fits, command = config.get("method") == name, f"infer --method {name}"
+    elif name == AS_PRINTED:
+        ranking = mapping_in(mapping_in(config, "selection"), "ranking")
+        fits, command = ranking.get("by") == "eq8", "infer --preset paper"
+    else:
+        return
+    if not fits:
+        expected = f"another file name: {path.stem} is the row of grasps by `{command}`"
+        raise ValueRangeError("--with", path, expected)
 
 
 def _scenes(paths: Mapping[str, Path], root: GraspNetRoot) -> dict[SceneFiles, RowPlaces]:

@@ -34,13 +34,13 @@ def _peer(name: str, color: str, published: str) -> ReportRow:
 
 
 SELECTED: Final = "-selected"
+AS_PRINTED: Final = "as-printed"
+BY_FITTING: Final = "symmetry-icp"
 
 # In the order of the tables.
 KNOWN_ROWS = (
     ReportRow(OURS, "SymGrasp", "#1668b8", "ours, on the dataset evaluated here", PAPER),
-    ReportRow(
-        "as-printed", "SymmetryGrasp as printed", "#7b3fa0", "ours with --preset paper", PAPER
-    ),
+    ReportRow(AS_PRINTED, "SymmetryGrasp as printed", "#7b3fa0", "ours with --preset paper", PAPER),
     _peer("multi-grasp", "#6d4c41", "Multi-Grasp"),
     _peer("gg-cnn", "#00897b", "GG-CNN"),
     _peer("pointnetgpd", "#c0392b", "PointNetGPD"),
@@ -53,7 +53,7 @@ KNOWN_ROWS = (
         "SymmetryNet [32]",
     ),
     ReportRow(
-        "symmetry-icp",
+        BY_FITTING,
         "symmetry by fitting",
         "#8d6e63",
         "symmetries fitted to the points alone, then our selection",
@@ -74,9 +74,9 @@ KNOWN_ROWS = (
         "planar-critic",
         "planar + critic",
         "#b35c00",
-        "from the boundary of the region, ranked by the grasp critic",
+        "from the outline of the region, ranked by the grasp critic",
     ),
-    ReportRow("planar", "planar", "#e08a00", "from the boundary of the region, ranked by Eq. 8"),
+    ReportRow("planar", "planar", "#e08a00", "from the outline of the region, ranked by Eq. 8"),
     ReportRow("random", "random", "#8a8f98", "random grasps that the gripper can do"),
 )
 BASELINE_ROWS = ("oracle", "planar-critic", "planar", "random")

@@ -1,1 +1,1 @@
-"""`grasps.h5`, its shards and tables, and gripper files."""
+"""`grasps.h5`, its parts and tables, and gripper files."""

@@ -1,7 +1,7 @@
 """`grasps.h5`: the results of `infer` on a batch of frames, one columnar file (formats.md).
 
-During a run each frame has its own file, a shard of the same layout, in `<grasps.h5>.parts/`;
-after a killed run, the next run reads the shards and works only on the missing frames.
+During a run each frame has its own file, a part of the same layout, in `<grasps.h5>.parts/`;
+after a killed run, the next run reads the parts and works only on the missing frames.
 """
 
 import hashlib
@@ -47,7 +47,7 @@ from pipelines.storage.h5_files import new_h5, open_h5
 from pipelines.storage.provenance import Stamp
 
 FORMAT_VERSION, OLDEST_VERSION = 5, 1
-LONGEST_SHARD_NAME = 200  # characters of a shard's file name; file systems take 255 bytes
+LONGEST_PART_NAME = 200  # characters of a part's file name; file systems take 255 bytes
 AXES = "camera, OpenCV axes: x right, y down, z forward"
 GRASP_FRAME = "columns approach, closing, approach x closing; origin midway between the contacts"
 UNITS = {
@@ -180,20 +180,20 @@ def stored_intrinsics(size: NDArray[Any], intrinsics: NDArray[Any]) -> Intrinsic
 
 
 def parts_folder(path: Path) -> Path:
-    """Return the folder of the shards of the file `path`."""
+    """Return the folder of the parts of the file `path`."""
     return path.with_name(f"{path.name}.parts")
 
 
-def shard_path(path: Path, frame_name: str) -> Path:
-    """Return the path of a frame's shard of the output `path`."""
+def part_path(path: Path, frame_name: str) -> Path:
+    """Return the path of a frame's part of the output `path`."""
     safe = quote(frame_name, safe="")
-    if len(safe) > LONGEST_SHARD_NAME:
-        safe = safe[-LONGEST_SHARD_NAME:] + hashlib.sha256(frame_name.encode()).hexdigest()[:16]
+    if len(safe) > LONGEST_PART_NAME:
+        safe = safe[-LONGEST_PART_NAME:] + hashlib.sha256(frame_name.encode()).hexdigest()[:16]
     return parts_folder(path) / f"{safe}.h5"
 
 
-def read_shard(path: Path) -> FrameResult:
-    """Read the result of one frame from its shard.
+def read_part(path: Path) -> FrameResult:
+    """Read the result of one frame from its part.
 
     Raises:
         FormatError: the file does not hold exactly one frame, or is damaged.
@@ -201,7 +201,7 @@ def read_shard(path: Path) -> FrameResult:
     with opened(path) as file:
         file_attributes(file)
         if (count := len(file["frames/name"])) != 1:
-            raise FormatError(path, f"holds {count} frames", "a shard holds one")
+            raise FormatError(path, f"holds {count} frames", "a part holds one")
         return read_result(path, file, 0)
 
 
@@ -251,8 +251,8 @@ def _slice(group: h5py.Group, names: Iterable[str], start: int, end: int) -> dic
     return {name: read_rows(group[name], slice(start, end)) for name in names}
 
 
-def remove_shards(path: Path) -> None:
-    """Remove the shards of the output `path`."""
+def remove_parts(path: Path) -> None:
+    """Remove the parts of the output `path`."""
     folder = parts_folder(path)
     if folder.is_dir():
         shutil.rmtree(folder)

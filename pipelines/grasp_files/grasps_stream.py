@@ -1,7 +1,7 @@
 """Reading and writing of `grasps.h5` a few frames at a time, with constant memory.
 
 The tables of a file are sorted by frame, so bisection finds the rows of a frame and only these
-rows are read. For writing, the rows of all shards are counted first, then filled in.
+rows are read. For writing, the rows of all parts are counted first, then filled in.
 """
 
 import os
@@ -25,8 +25,8 @@ from pipelines.grasp_files.grasps_file import (
     UNITS,
     file_attributes,
     opened,
+    read_part,
     read_result,
-    read_shard,
     stored_intrinsics,
     write_attributes,
 )
@@ -47,7 +47,7 @@ from pipelines.storage.provenance import Stamp
 
 DEFAULT_GRIPPER = "rg2"
 COUNTED = ("regions/frame", "grasps/frame", "regions/mask_counts")
-BATCH = 64  # frames in memory while shards are put together
+BATCH = 64  # frames in memory while parts are put together
 
 
 @dataclass(frozen=True)
@@ -146,19 +146,19 @@ def places_by_scene(
     return {scene: scenes[scene] for scene in sorted(scenes, key=lambda scene: scene.name)}
 
 
-def merge_shards(
+def merge_parts(
     path: Path,
     parts: Sequence[FrameResult | Path],
     stamp: Stamp,
     weights: Mapping[str, str] | None = None,
     check: Callable[[], None] = lambda: None,
 ) -> None:
-    """Write the frames `parts`, shards or results, as `grasps_file.write` would.
+    """Write the frames `parts`, parts or results, as `grasps_file.write` would.
 
     `check`: called between parts; if it raises, nothing is written.
 
     Raises:
-        FormatError: a shard is damaged.
+        FormatError: a part is damaged.
     """
     sizes = _sizes(parts, check)
     with new_h5(path) as file:
@@ -168,7 +168,7 @@ def merge_shards(
         for start in range(0, len(parts), BATCH):
             check()
             batch = parts[start : start + BATCH]
-            tables = [shard_tables(p) if isinstance(p, Path) else tables_of([p]) for p in batch]
+            tables = [part_tables(p) if isinstance(p, Path) else tables_of([p]) for p in batch]
             _fill(file, joined_tables(tables), done)
 
 
@@ -178,18 +178,18 @@ def _sizes(parts: Sequence[FrameResult | Path], check: Callable[[], None]) -> di
     for part in parts:
         check()
         if isinstance(part, Path):
-            sizes += shard_sizes(part)
+            sizes += part_sizes(part)
         else:
             sizes += len(part.regions), len(part.grasps), len(part.regions.mask_counts)
     names = ("regions", "grasps", "mask_counts")
     return {"frames": len(parts), **dict(zip(names, sizes.tolist(), strict=True))}
 
 
-def shard_sizes(path: Path) -> tuple[int, ...]:
-    """Return the numbers of regions, grasps and mask runs of a shard; check nothing else.
+def part_sizes(path: Path) -> tuple[int, ...]:
+    """Return the numbers of regions, grasps and mask runs of a part; check nothing else.
 
     Raises:
-        FormatError: the shard is damaged.
+        FormatError: the part is damaged.
     """
     try:
         with open_h5(path) as file:
@@ -199,26 +199,26 @@ def shard_sizes(path: Path) -> tuple[int, ...]:
             return tuple(len(file[name]) for name in COUNTED)
 
 
-def shard_tables(path: Path) -> Tables:
-    """Return the columns of one frame's shard, equal to `tables_of` for that frame.
+def part_tables(path: Path) -> Tables:
+    """Return the columns of one frame's part, equal to `tables_of` for that frame.
 
-    A shard exactly as written by `grasps_file.write` is read by HDF5's low-level handles, several
-    times faster than by `read_shard`. Any other shard is left to `read_shard`, which reads it or
+    A part exactly as written by `grasps_file.write` is read by HDF5's low-level handles, several
+    times faster than by `read_part`. Any other part is left to `read_part`, which reads it or
     names its fault.
 
     Raises:
-        FormatError: as in `read_shard`.
+        FormatError: as in `read_part`.
     """
     try:
         with open_h5(path) as file:
-            tables = _columns_of_shard(file)
+            tables = _columns_of_part(file)
     except (*DAMAGED, SymgraspError):
         tables = None
-    return tables or tables_of([read_shard(path)])
+    return tables or tables_of([read_part(path)])
 
 
-def _columns_of_shard(file: h5py.File) -> Tables | None:
-    """Return the columns of a shard of this version; None if anything differs from the format.
+def _columns_of_part(file: h5py.File) -> Tables | None:
+    """Return the columns of a part of this version; None if anything differs from the format.
 
     Raises:
         SymgraspError: the columns disagree.

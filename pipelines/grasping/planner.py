@@ -130,7 +130,7 @@ class RegionPlanner:
         The most stable pairs are tried first; `max_ranked` feasible grasps are ranked.
         """
         base = GraspPoses.from_contacts(candidates.contacts, candidates.approach)
-        stability = candidates.quality * _centeredness(base, context.region)
+        stability = candidates.stability * _centeredness(base, context.region)
         order = np.argsort(-stability, kind="stable")
         grasps, row = feasibility.reachable(base[order], candidates.angles)
         pair = order[row]

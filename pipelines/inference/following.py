@@ -15,7 +15,7 @@ from pipelines.inference.infer_run import (
     STAGE,
     InferRun,
     earlier_frames,
-    has_shard,
+    has_part,
     infer_frame,
     refuse_stale,
 )
@@ -85,7 +85,7 @@ class Follower:
         self.started = self.last_work = self.clock.now()
 
     def begin(self, *, overwrite: bool) -> None:
-        """Take over the shards of an earlier run, and load the networks.
+        """Take over the parts of an earlier run, and load the networks.
 
         Raises:
             StaleOutputError: the earlier run had other settings.
@@ -93,7 +93,7 @@ class Follower:
         """
         self.listed = self.run.find(may_be_empty=True)
         if overwrite:
-            grasps_file.remove_shards(self.run.output)
+            grasps_file.remove_parts(self.run.output)
         else:
             self.items = earlier_frames(self.run)
             refuse_stale(self.run, {*self.items, *(source.name for source in self.listed)})
@@ -161,11 +161,11 @@ class Follower:
     def _work_on(self, arrivals: Sequence[Arrival]) -> None:
         items = self.run.items([arrival.source for arrival in arrivals])
         if any(item.name in self.items for item in items):
-            self._await_output()  # it reads the shards that are now overwritten
-        finished = [item for item in items if has_shard(item)]
+            self._await_output()  # it reads the parts that are now overwritten
+        finished = [item for item in items if has_part(item)]
         todo = [item for item in items if item not in finished]
         step = partial(infer_frame, settings=self.run.settings)
-        # Shards of earlier files are overwritten only once there is a new result.
+        # Parts of earlier files are overwritten only once there is a new result.
         options = replace(self.options, overwrite=True)
         report = run_batch(STAGE, todo, step, options, self.threads)
         self.report.notes.update(report.notes)
@@ -178,7 +178,7 @@ class Follower:
                 self._record(item, self.report.skipped)
             else:
                 if sentence is not None:
-                    item.target.unlink(missing_ok=True)  # a shard of earlier files
+                    item.target.unlink(missing_ok=True)  # a part of earlier files
                 self._report(item.name, arrival, item, sentence)
         found = [(item, item.target, 0) for item in finished]
         for name, why in draw_missing(self.run.settings, found, self.options).items():
@@ -193,7 +193,7 @@ class Follower:
             self.notify(FrameOutcome(name, "failed", 0, seconds, sentence))
             return
         self._record(item, self.report.done)
-        found = grasps_file.read_shard(item.target)
+        found = grasps_file.read_part(item.target)
         self.notify(FrameOutcome(name, found.status, len(found.grasps), seconds, str(item.target)))
 
     def _record(self, item: WorkItem, names: list[str]) -> None:
@@ -226,10 +226,10 @@ class Follower:
             raise _TakesTooLong
 
     def _leave_out_missing(self) -> None:
-        """Leave out the frames whose shards were removed by others, instead of failing."""
+        """Leave out the frames whose parts were removed by others, instead of failing."""
         for name in set(self.items) - set(self.failed):
             if not self.items[name].target.exists():
-                log.warning("%s: its shard is missing, the frame is left out", name)
+                log.warning("%s: its part is missing, the frame is left out", name)
                 del self.items[name]
 
     def _await_output(self) -> None:

@@ -77,9 +77,11 @@ class Planner:
             return
         needs_critics = selection.symmetry.is_fitted and self.symmetry_peer is None
         if needs_critics and self.symmetry_critics is None:
-            raise SymgraspError("fitted symmetries need critics, or symmetry.is_fitted=no")
+            raise SymgraspError(
+                "fitted symmetries need critics, or selection.symmetry.is_fitted=false"
+            )
         if selection.ranking.uses_critic and self.grasp_critic is None:
-            raise SymgraspError("ranked grasps need a grasp critic, or ranking.by=eq8")
+            raise SymgraspError("ranked grasps need a grasp critic, or selection.ranking.by=eq8")
 
     def plan(
         self,
@@ -122,9 +124,9 @@ class Planner:
     def _region_by_region(
         self, observation: Observation, rng: np.random.Generator
     ) -> tuple[list[Region], list[Plan]]:
-        """Return the regions of a frame and the plan of each, in up to three passes.
+        """Return the regions of a frame and the plan of each, in up to three rounds.
 
-        The first pass plans every region. The second plans detections without a symmetric grasp
+        The first round plans every region. The second plans detections without a symmetric grasp
         again, as separate pieces. The third seeks planar grasps for regions that have no grasp yet.
         A piece is the part of a region in one of the segments that the depth shows.
         """

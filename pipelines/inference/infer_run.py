@@ -1,6 +1,6 @@
-"""One run of `infer`: its frames one by one, their shards, and the output.
+"""One run of `infer`: its frames one by one, their parts, and the output.
 
-Each finished frame is a shard next to the output, until the output is merged from all shards. A
+Each finished frame is a part next to the output, until the output is merged from all parts. A
 run may continue from the results of an earlier run with the same settings, or overwrite them.
 """
 
@@ -34,7 +34,7 @@ from pipelines.frames.rgbd import Frame, FrameSource
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.frames.workspace_files import read_workspace_mask
 from pipelines.grasp_files import grasps_file
-from pipelines.grasp_files.grasps_stream import merge_shards, read_index
+from pipelines.grasp_files.grasps_stream import merge_parts, read_index
 from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.inference.run_settings import InferPaths, RunSettings
 from pipelines.pictures.overlays import write_overlay
@@ -89,11 +89,11 @@ class InferRun:
         return self.choice.of(found)
 
     def items(self, sources: Sequence[FrameSource]) -> list[WorkItem]:
-        """Return one work item, with a shard as target, for each of `sources`."""
+        """Return one work item, with a part as target, for each of `sources`."""
         shared, items = self.stamp(self.shared_inputs), []
         for source in sources:
             stamp = replace(shared, inputs=FrameInputs(self.shared_inputs, source.files))
-            target = grasps_file.shard_path(self.output, source.name)
+            target = grasps_file.part_path(self.output, source.name)
             items.append(WorkItem(source.name, target, stamp, (source,)))
         return items
 
@@ -117,7 +117,7 @@ class InferRun:
         failed: Mapping[str, str],
         check: Callable[[], None] = lambda: None,
     ) -> None:
-        """Write the output from the shards of `items` and reasons of `failed`; `check` may end it.
+        """Write the output from the parts of `items` and reasons of `failed`; `check` may end it.
 
         `check`: called between frames; if it raises, nothing is written.
         """
@@ -131,11 +131,11 @@ class InferRun:
             check()
             if item.name not in failed and not inputs_of(item).are_known:
                 inputs_of(item).take_over(read_stamp(item.target) or {}, unchecked=True)
-        merge_shards(self.output, parts, self.output_stamp(items), self.weights, check)
+        merge_parts(self.output, parts, self.output_stamp(items), self.weights, check)
 
 
 def infer_frame(item: WorkItem, settings: RunSettings) -> str | None:
-    """Write the shard of one frame; return a note if the frame is odd or empty."""
+    """Write the part of one frame; return a note if the frame is odd or empty."""
     with settings.one_core():
         (source,) = item.arguments
         # Before the frame is read, so that the result is stale if a file changes meanwhile.
@@ -186,30 +186,30 @@ def overlay_path(folder: Path, frame_name: str) -> Path:
 
 
 def finished_items(items: Sequence[WorkItem]) -> list[WorkItem]:
-    """Return the items with valid shards.
+    """Return the items with valid parts.
 
-    Damaged shards, and those of a killed run with other settings, are removed: they are of no use.
+    Damaged parts, and those of a killed run with other settings, are removed: they are of no use.
     """
     finished = []
     for item in items:
-        if has_shard(item):
+        if has_part(item):
             finished.append(item)
         else:
             item.target.unlink(missing_ok=True)
     return finished
 
 
-def has_shard(item: WorkItem) -> bool:
-    """Return whether the shard of `item` exists and has the item's stamp."""
+def has_part(item: WorkItem) -> bool:
+    """Return whether the part of `item` exists and has the item's stamp."""
     if not item.target.exists():
         return False
-    found = _stamp_of_shard(item.target)
+    found = _stamp_of_part(item.target)
     inputs_of(item).take_over(found)
     return {**found, "recorded": None} == {**item.stamp.as_json(), "recorded": None}
 
 
-def _stamp_of_shard(path: Path) -> dict[str, Any]:
-    """Return the stamp of a shard; empty if it has none, or is damaged."""
+def _stamp_of_part(path: Path) -> dict[str, Any]:
+    """Return the stamp of a part; empty if it has none, or is damaged."""
     try:
         return read_stamp(path) or {}
     except FormatError:
@@ -239,7 +239,7 @@ def earlier_frames(run: InferRun) -> dict[str, WorkItem]:
     wanted, items = run.stamp(run.shared_inputs).as_json(), {}
     parts = sorted(grasps_file.parts_folder(run.output).glob("[!.]*.h5"))
     for path in parts:
-        found = _stamp_of_shard(path)
+        found = _stamp_of_part(path)
         if (
             _has_same_settings(found, wanted)
             and wanted["inputs"].items() <= found["inputs"].items()
@@ -250,9 +250,14 @@ def earlier_frames(run: InferRun) -> dict[str, WorkItem]:
     return items
 
 
+def holds_results(output: Path) -> bool:
+    """Return whether `output` exists with a frame that has not failed."""
+    return output.exists() and any(each != "failed" for each in read_index(output).statuses)
+
+
 def refuse_stale(run: InferRun, known: set[str]) -> None:
     """Raise unless an existing output has these settings and only frames that are `known`."""
-    if not run.output.exists():
+    if not holds_results(run.output):
         return
     refuse_other_settings(run)
     index = read_index(run.output)

@@ -2,8 +2,8 @@
 
 Every accepted symmetry and every rejected candidate is measured again on new samples. Its strain is
 the factor on the annotator's limits with which the symmetry would just hold: up to 1 it holds. The
-doubt is the strain for an accepted symmetry and 1 / strain for a rejected candidate; an object has
-the doubt of its most doubtful decision.
+doubt is the strain for an accepted symmetry and 1 / strain for a rejected candidate, at most its
+roundness; an object has the doubt of its most doubtful decision.
 """
 
 from bisect import bisect_left

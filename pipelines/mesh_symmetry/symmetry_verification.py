@@ -34,9 +34,8 @@ SUPPORT_COSINE = AGREEING_COSINE  # between the normals of image and surface
 ROUND_MEAN, _ROUND_RATIO = 0.002, 3.0
 # Of the width: misses of round objects stay below 1 %, misses of ovals begin at 2.5 %.
 _ROUND_ERROR = 0.017
-# A noisy marker with a clip is 0.25 wide and misses by 0.042 of 0.044, 0.17 of its width; turned
-# bodies of revolution miss by 0.05 of their width, a slim pen with a hole by 0.12.
-SLIM_WIDTH, SLIMMEST = 0.33, 0.7  # of the diameter; least factor on the limit of slim objects
+# Objects narrower than this share of the diameter get a smaller limit, down to this factor on it.
+SLIM_WIDTH, SLIMMEST = 0.33, 0.7
 MAX_FEATURE = 0.14  # of the width
 TURN_P99 = 1.2  # times the limit of planes: a dented jar with a hole misses by 0.051 of 0.044
 # Times the limit, at a single angle: grooves of a cup meet at some angles and miss at others.

@@ -1,4 +1,4 @@
-"""grasps.h5: columns, shards, resuming."""
+"""grasps.h5: columns, parts, resuming."""
 
 import time
 from dataclasses import replace
@@ -12,7 +12,7 @@ from numpy.testing import assert_array_equal
 from pipelines.errors import FormatError, ValueRangeError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.grasp_files import grasps_file
-from pipelines.grasp_files.grasps_stream import merge_shards
+from pipelines.grasp_files.grasps_stream import merge_parts
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable
 from pipelines.storage.provenance import make_stamp, read_stamp
 from tests.grasp_files.whole_file import read_whole
@@ -95,17 +95,17 @@ def test_a_resumed_run_gives_the_bytes_of_an_uninterrupted_one(
     grasps_file.write(whole, results, STAMP)
     time.sleep(1.05)  # a file that holds dates would differ
     for item in results:
-        grasps_file.write(grasps_file.shard_path(resumed, item.name), [item], STAMP)
-    paths = [grasps_file.shard_path(resumed, item.name) for item in results]
-    grasps_file.write(resumed, [grasps_file.read_shard(path) for path in paths], STAMP)
-    grasps_file.remove_shards(resumed)
+        grasps_file.write(grasps_file.part_path(resumed, item.name), [item], STAMP)
+    paths = [grasps_file.part_path(resumed, item.name) for item in results]
+    grasps_file.write(resumed, [grasps_file.read_part(path) for path in paths], STAMP)
+    grasps_file.remove_parts(resumed)
     assert resumed.read_bytes() == whole.read_bytes()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["resumed.h5", "whole.h5"]
 
 
-def test_shards_are_stamped_and_named_apart(tmp_path: Path) -> None:
+def test_parts_are_stamped_and_named_apart(tmp_path: Path) -> None:
     names = ["a/b", "a_b", "a%2Fb", "x" * 300, "y" + "x" * 299]
-    paths = [grasps_file.shard_path(tmp_path / "g.h5", name) for name in names]
+    paths = [grasps_file.part_path(tmp_path / "g.h5", name) for name in names]
     assert len(set(paths)) == len(names)
     for path in paths:
         grasps_file.write(path, [result("n", 1, 1)], STAMP)
@@ -216,10 +216,10 @@ def test_a_file_of_version_1_is_read(tmp_path: Path, results: list[FrameResult])
     assert_array_equal(whole.regions.symmetry_confidence, expected)
     assert np.isnan(whole.regions.existence).all()
     assert set(whole.grasps.ranker) == {"critic"}
-    shard = grasps_file.shard_path(tmp_path / "g.h5", "s/a")
-    shard.parent.mkdir()
-    written_by_version_1(shard, results[:1])
-    merge_shards(merged, [shard], STAMP)
+    part = grasps_file.part_path(tmp_path / "g.h5", "s/a")
+    part.parent.mkdir()
+    written_by_version_1(part, results[:1])
+    merge_parts(merged, [part], STAMP)
     assert set(read_whole(merged).grasps.ranker) == {"critic"}
 
 

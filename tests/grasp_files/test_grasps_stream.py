@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 
 from pipelines.errors import FormatError
 from pipelines.grasp_files import grasps_file
-from pipelines.grasp_files.grasps_stream import merge_shards, read_index, read_results
+from pipelines.grasp_files.grasps_stream import merge_parts, read_index, read_results
 from pipelines.grasp_files.grasps_tables import FrameResult
 from tests.grasp_files.test_grasps_file import STAMP, result
 from tests.grasp_files.whole_file import read_whole
@@ -45,7 +45,7 @@ def test_frames_read_one_by_one_equal_the_written_frames(path):
 
 @pytest.mark.parametrize("batch", [1, 2, 64])
 @pytest.mark.parametrize(
-    ("places", "kept"),  # as results, not as shards
+    ("places", "kept"),  # as results, not as parts
     [
         ([], set()),
         ([1], set()),
@@ -54,7 +54,7 @@ def test_frames_read_one_by_one_equal_the_written_frames(path):
         *(([3, 3, 0, 1], kept) for kept in (set(), {0}, {0, 3})),
     ],
 )
-def test_joined_shards_give_the_file_that_is_written_at_once(
+def test_joined_parts_give_the_file_that_is_written_at_once(
     tmp_path, monkeypatch, batch, places, kept
 ):
     monkeypatch.setattr("pipelines.grasp_files.grasps_stream.BATCH", batch)
@@ -71,7 +71,7 @@ def test_joined_shards_give_the_file_that_is_written_at_once(
             continue
         parts.append(tmp_path / f"{number}.h5")
         grasps_file.write(parts[-1], [frames[place]], STAMP)
-    merge_shards(tmp_path / "merged.h5", parts, STAMP, {"network": "abc"})
+    merge_parts(tmp_path / "merged.h5", parts, STAMP, {"network": "abc"})
     grasps_file.write(tmp_path / "g.h5", [frames[i] for i in places], STAMP, {"network": "abc"})
     merged, whole = (read_whole(tmp_path / name) for name in ("merged.h5", "g.h5"))
     assert dict(merged.attrs) == dict(whole.attrs)

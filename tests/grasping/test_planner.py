@@ -369,7 +369,7 @@ def naive_choice(candidates, region, scene):
     center = np.median(region.points, axis=0)
     radius = np.percentile(np.linalg.norm(region.points - center, axis=1), 90)
     off = np.linalg.norm(base.translation - center, axis=1) / radius
-    stability = candidates.quality * (1.0 - 0.5 * np.minimum(off, 1.0))
+    stability = candidates.stability * (1.0 - 0.5 * np.minimum(off, 1.0))
     found = []
     for pair in np.argsort(-stability, kind="stable"):
         for angle in candidates.angles:
@@ -409,7 +409,7 @@ def test_the_choice_equals_that_of_checking_every_grasp_against_every_point(seed
     heights = rng.uniform(0.005, highest, 40)
     candidates = replace(
         across_box(pose, heights, rng.normal(0, 0.003), rng.uniform(0.05, 0.09)),
-        quality=rng.uniform(0.8, 1.0, 40),
+        stability=rng.uniform(0.8, 1.0, 40),
     )
     expected = naive_choice(candidates, region, scene)
     final_pose_alone = changed(

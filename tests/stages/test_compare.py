@@ -78,10 +78,11 @@ def frame(name: str, split: str, better: float, seed: int, objects: int = 3) -> 
 
 
 def write_run(folder: Path, better: float = 0.0, seed: int = 0, frames: int = 5, **options) -> Path:
-    """Write a report with its records; `options`: objects of a frame, gripper, labels."""
+    """Write a report with its records; `options`: objects of a frame, gripper, labels, others."""
     path = folder / "report.json"
     settings = EvaluateConfig(gripper=options.get("gripper", "rg2"))
     inputs = {"grasps": f"sha256:{folder.name}", "symmetry": options.get("labels", "a")}
+    inputs |= {f"with {row}": "sha256:0" for row in options.get("others", [])}
     stamp = make_stamp("evaluate", settings, inputs=inputs)
     records = []
     for scene, split in SCENES.items():
@@ -155,6 +156,11 @@ def test_other_settings_and_labels_are_reported(tmp_path):
     notes = " ".join(compare.run(paths, CONFIG).notes)
     assert "other settings: gripper franka instead of rg2" in notes
     assert "other labels: symmetry" in notes
+
+
+def test_further_rows_of_a_report_are_no_other_labels(tmp_path):
+    paths = [write_run(tmp_path / "a"), write_run(tmp_path / "b", others=["gg-cnn"])]
+    assert "labels" not in " ".join(compare.run(paths, CONFIG).notes)
 
 
 def test_runs_on_other_objects_cannot_be_paired(tmp_path):

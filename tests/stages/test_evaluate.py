@@ -508,6 +508,24 @@ def test_grasps_of_a_compared_method_belong_to_their_nearest_objects(root, truth
     assert page.count("data:image/jpeg;base64,") == 3 * len(SCENES)
 
 
+@pytest.mark.parametrize(
+    ("name", "command"),
+    [
+        ("gg-cnn", "infer --method gg-cnn"),
+        ("graspnet-selected", "infer --method graspnet"),
+        ("symmetry-icp", "infer --method symmetry-icp"),
+        ("as-printed", "infer --preset paper"),
+    ],
+)
+def test_grasps_of_another_method_may_not_have_the_name_of_a_row(
+    root, truth_file, tmp_path, name, command
+):
+    other = tmp_path / f"{name}.h5"
+    write_grasps(other, [true_result(root, frame, (0, 1)) for frame in frame_names()])
+    with pytest.raises(ValueRangeError, match=f"{name} is the row of grasps by `{command}`"):
+        run(truth_file, root, tmp_path / "report.json", others=[other])
+
+
 def test_a_frame_without_grasps_of_a_compared_method_counts_as_without_grasp_not_region(
     root, truth_file, tmp_path
 ):

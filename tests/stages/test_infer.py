@@ -194,15 +194,15 @@ infer.run(paths, config, BatchOptions(progress=False))
 
 def test_a_killed_run_goes_on_where_it_stopped_and_ends_with_the_same_bytes(frames, tmp_path):
     output = tmp_path / "g.h5"
-    shard = grasps_file.shard_path(output, "a")
+    part = grasps_file.part_path(output, "a")
     environment = os.environ | {"PYTHONPATH": str(Path(infer.__file__).parents[1])}
     command = [sys.executable, "-c", KILLED, str(frames), str(output)]
     with subprocess.Popen(command, env=environment) as process:
         waited = time.monotonic()
-        while not shard.exists() and time.monotonic() - waited < 50:
+        while not part.exists() and time.monotonic() - waited < 50:
             time.sleep(0.05)
         process.send_signal(signal.SIGKILL)
-    assert shard.exists()
+    assert part.exists()
     assert not output.exists()
     report = run(frames, output)
     # Frames are processed in parallel: "c" may or may not have been finished at the kill.
@@ -213,23 +213,23 @@ def test_a_killed_run_goes_on_where_it_stopped_and_ends_with_the_same_bytes(fram
     assert output.read_bytes() == (tmp_path / "whole.h5").read_bytes()
 
 
-def test_shards_of_other_settings_are_made_again(frames, tmp_path):
+def test_parts_of_other_settings_are_made_again(frames, tmp_path):
     output = tmp_path / "g.h5"
     run(frames, tmp_path / "other.h5", config=dataclasses.replace(CONFIG, gripper="franka"))
     other = read_whole(tmp_path / "other.h5")
     stamp = make_stamp("infer", {}, inputs={"weights": "other"})
-    grasps_file.write(grasps_file.shard_path(output, "a"), [other.results[0]], stamp)
+    grasps_file.write(grasps_file.part_path(output, "a"), [other.results[0]], stamp)
     assert run(frames, output).done == ["a", "b", "c"]
 
 
-def test_damaged_shards_are_made_again(frames, tmp_path):
+def test_damaged_parts_are_made_again(frames, tmp_path):
     whole, output = tmp_path / "whole.h5", tmp_path / "g.h5"
     run(frames, whole)
-    shards = [grasps_file.shard_path(output, name) for name in "ab"]
-    shards[0].parent.mkdir()
-    for shard, result in zip(shards, read_whole(whole).results, strict=False):
-        grasps_file.write(shard, [result], make_stamp("infer", {}))
-        shard.write_bytes(shard.read_bytes()[:3000])
+    parts = [grasps_file.part_path(output, name) for name in "ab"]
+    parts[0].parent.mkdir()
+    for part, result in zip(parts, read_whole(whole).results, strict=False):
+        grasps_file.write(part, [result], make_stamp("infer", {}))
+        part.write_bytes(part.read_bytes()[:3000])
     assert run(frames, output).done == ["a", "b", "c"]
     assert output.read_bytes() == whole.read_bytes()
 
@@ -255,6 +255,17 @@ def test_a_bad_frame_fails_alone_with_a_sentence(tmp_path):
     again = run(folder, tmp_path / "g.h5")
     assert again.exit_code == 1  # a run that skips all frames still reports the failed one
     assert again.skipped == ["good"]
+
+
+def test_an_output_whose_frames_all_failed_does_not_block_a_run_with_other_settings(tmp_path):
+    folder, output = tmp_path / "frames", tmp_path / "g.h5"
+    write_frame(folder, "a", SHAPES["a"])
+    (folder / "a_camera.json").write_text("{}")
+    assert list(run(folder, output).failed) == ["a"]
+    write_frame(folder, "a", SHAPES["a"])
+    assert run(folder, output, seed=1).done == ["a"]
+    with pytest.raises(StaleOutputError):
+        run(folder, output, seed=2)
 
 
 def test_an_empty_frame_is_no_failure(tmp_path):
@@ -301,13 +312,13 @@ def pictures_of(folder):
 def test_overlays_are_drawn_of_finished_grasps(frames, tmp_path):
     run(frames, tmp_path / "whole.h5", overlays=tmp_path / "whole")
     run(frames, tmp_path / "g.h5")
-    shards = [read_whole(tmp_path / "g.h5").results[0]]
+    parts = [read_whole(tmp_path / "g.h5").results[0]]
     run(frames, tmp_path / "g.h5", overlays=tmp_path / "finished")
     assert pictures_of(tmp_path / "finished") == pictures_of(tmp_path / "whole")
     # The output of a killed run that drew no pictures.
     settings = RunSettings(infer.InferPaths(frames, tmp_path / "k.h5"), CONFIG, 0, "auto", False)
     (item, *_) = infer_run.InferRun(settings).items(find_frames(frames))
-    grasps_file.write(item.target, [shards[0]], item.stamp)
+    grasps_file.write(item.target, [parts[0]], item.stamp)
     assert run(frames, tmp_path / "k.h5", overlays=tmp_path / "killed").skipped == ["a"]
     assert pictures_of(tmp_path / "killed") == pictures_of(tmp_path / "whole")
 

@@ -124,7 +124,7 @@ def test_frames_are_reported_as_they_come_and_the_final_output_equals_that_of_in
     assert (report.done, report.exit_code) == (["b", "a", "c"], 0)
     for frame in cell.reported:
         assert 0.3 <= frame.seconds <= 0.5  # the wait for frames to be whole; work takes no time
-        assert grasps_file.read_shard(Path(frame.text)).name == frame.name
+        assert grasps_file.read_part(Path(frame.text)).name == frame.name
     cell.infer(tmp_path / "plain.h5")
     assert cell.output.read_bytes() == (tmp_path / "plain.h5").read_bytes()
 
@@ -447,7 +447,7 @@ def test_the_command_prints_a_line_a_frame_and_heeds_signals(cell, number):
         process.send_signal(number)
         rest = process.stdout.read()
     assert (first[:2], second[:2]) == (["a", "ok"], ["b", "ok"])
-    assert first[4].strip() == str(grasps_file.shard_path(cell.output, "a"))
+    assert first[4].strip() == str(grasps_file.part_path(cell.output, "a"))
     assert (process.returncode, rest) == (0, "")
     assert cell.statuses() == {"a": "ok", "b": "ok"}
 
@@ -492,7 +492,7 @@ def test_a_finished_frame_that_turns_bad_has_failed_and_has_no_part(cell):
     report = cell.follow()
     assert cell.names_reported() == [("b", "ok"), ("b", "failed")]
     assert (list(report.failed), cell.statuses()) == (["b"], {"b": "failed"})
-    assert not grasps_file.shard_path(cell.output, "b").exists()
+    assert not grasps_file.part_path(cell.output, "b").exists()
 
 
 def test_grasps_of_a_frame_that_is_bad_at_the_end_are_not_lost_for_good(cell):
@@ -508,11 +508,11 @@ def test_grasps_of_a_frame_that_is_bad_at_the_end_are_not_lost_for_good(cell):
 
 def test_a_removed_part_is_left_out_with_a_warning(cell, caplog):
     cell.write("a")
-    cell.at(4.0, grasps_file.shard_path(cell.output, "a").unlink)
+    cell.at(4.0, grasps_file.part_path(cell.output, "a").unlink)
     cell.at(5.0, cell.write, "b")
     assert cell.follow().done == ["a", "b"]
     assert cell.statuses() == {"b": "ok"}
-    assert "a: its shard is missing" in caplog.text
+    assert "a: its part is missing" in caplog.text
 
 
 def test_pictures_that_an_earlier_run_did_not_draw_are_drawn(cell, tmp_path):

@@ -42,7 +42,7 @@ class CompilationNotice(event.Listener):
         if module.startswith("pipelines."):
             event.unregister(COMPILING, self)  # type: ignore[no-untyped-call]
             log.warning(
-                "inner loops are compiled first; that takes up to a minute, once per installation"
+                "inner loops are compiled first; that takes up to a minute, once for each command"
             )
 
     def on_end(self, ended: event.Event) -> None:

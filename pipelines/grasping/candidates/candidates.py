@@ -31,7 +31,7 @@ class GraspCandidates:
         contacts: (k, 2, 3).
         approach: (k, 3) unit.
         angles: (m,) radians, turns of each approach about its contact line.
-        quality: (k,) 0 to 1, expected quality of the grip.
+        stability: (k,) 0 to 1, without the nearness to the region's middle.
         affordance: (k,) predicted; 0 without a prediction.
         slot: (k,) symmetry slot, -1 without symmetry.
         source: `network`, `planar` or `random`.
@@ -40,18 +40,18 @@ class GraspCandidates:
     contacts: Array
     approach: Array
     angles: Array
-    quality: Array
+    stability: Array
     affordance: Array
     slot: Indices
     source: str
 
     @classmethod
     def without_symmetry(
-        cls, contacts: Array, approach: Array, angles: Array, quality: Array, source: str
+        cls, contacts: Array, approach: Array, angles: Array, stability: Array, source: str
     ) -> "GraspCandidates":
         """Return contact pairs without predictions."""
-        nothing = np.zeros(len(quality)), np.full(len(quality), -1, np.int64)
-        return cls(contacts, approach, angles, quality, *nothing, source)
+        nothing = np.zeros(len(stability)), np.full(len(stability), -1, np.int64)
+        return cls(contacts, approach, angles, stability, *nothing, source)
 
     @classmethod
     def none(cls, angles: Array, source: str) -> "GraspCandidates":
@@ -60,7 +60,7 @@ class GraspCandidates:
         return cls.without_symmetry(pairs, approach, angles, np.zeros(0), source)
 
     def __len__(self) -> int:
-        return len(self.quality)
+        return len(self.stability)
 
 
 def every_angle(count: int) -> Array:
@@ -161,5 +161,5 @@ def random_candidates(
         chosen = order[fits[order]]
     contacts = contacts[chosen[: config.max_pairs]]
     approach = np.broadcast_to(base_approach(region, feasibility.scene), (len(contacts), 3))
-    angles, quality = every_angle(config.num_approach_angles), np.ones(len(contacts))
-    return GraspCandidates.without_symmetry(contacts, approach, angles, quality, "random")
+    angles, stability = every_angle(config.num_approach_angles), np.ones(len(contacts))
+    return GraspCandidates.without_symmetry(contacts, approach, angles, stability, "random")

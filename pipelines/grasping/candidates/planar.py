@@ -66,16 +66,16 @@ class HeightMap:
 
 def planar_candidates(region: RegionCloud, feasibility: Feasibility) -> GraspCandidates:
     """Return planar grasps of `region` along the table's normal, the view ray and between."""
-    contacts, quality, approaches = [np.zeros((0, 2, 3))], [np.zeros(0)], [np.zeros((0, 3))]
+    contacts, stability, approaches = [np.zeros((0, 2, 3))], [np.zeros(0)], [np.zeros((0, 3))]
     for approach in approach_directions(region, feasibility.scene):
         view = HeightMap.of(region.points, approach)
         for depth, contact_depth in _slice_depths(view, region.middle, feasibility):
             pairs, held = _slice_pairs(view, depth, region, feasibility)
             contacts.append(view.points_at(pairs.reshape(-1, 2), contact_depth).reshape(-1, 2, 3))
-            quality.append(held)
+            stability.append(held)
             approaches.append(np.broadcast_to(approach, (len(held), 3)))
     whole = np.concatenate(contacts), np.concatenate(approaches)
-    return GraspCandidates.without_symmetry(*whole, ANGLES, np.concatenate(quality), "planar")
+    return GraspCandidates.without_symmetry(*whole, ANGLES, np.concatenate(stability), "planar")
 
 
 def approach_directions(region: RegionCloud, scene: SceneCloud) -> list[Array]:
@@ -115,7 +115,7 @@ def _slice_depths(
 def _slice_pairs(
     view: HeightMap, depth: float, region: RegionCloud, feasibility: Feasibility
 ) -> tuple[Array, Array]:
-    """Return the best pairs (k, 2, 2) of a slice, cells as (column, row), and quality (k,)."""
+    """Return the best pairs (k, 2, 2) of a slice, cells as (column, row), and stability (k,)."""
     inside = np.asarray(cv2.medianBlur((view.depth <= depth).astype(np.uint8), 3), np.uint8)
     boundary, outward = _boundary(inside)
     if len(boundary) < 2:
@@ -123,9 +123,9 @@ def _slice_pairs(
     contact = boundary + 0.5 * outward  # from a cell's centre to its outer edge
     steep = _wall_steepness(view.depth, depth, view.cell, boundary, outward)
     ends = 1.0 - HIDDEN_PENALTY * np.maximum(outward @ view.across(region.view_ray), 0.0)
-    pairs, quality = _holding_pairs(contact, outward, steep, ends, view.cell, feasibility.widths)
-    best = _spread(contact, pairs, np.argsort(-quality, kind="stable"))
-    return contact[pairs[best]], quality[best]
+    pairs, stability = _holding_pairs(contact, outward, steep, ends, view.cell, feasibility.widths)
+    best = _spread(contact, pairs, np.argsort(-stability, kind="stable"))
+    return contact[pairs[best]], stability[best]
 
 
 def _boundary(inside: NDArray[np.uint8]) -> tuple[Array, Array]:
@@ -215,14 +215,14 @@ def _holding_pairs(
     cell: float,
     fitting: tuple[float, float],
 ) -> tuple[Indices, Array]:
-    """Return the pairs (k, 2) of n boundary points that fingers hold, and their quality (k,).
+    """Return the pairs (k, 2) of n boundary points that fingers hold, and their stability (k,).
 
     `contact` (n, 2): cells; `ends` (n,): confidence that each point is the object's end; `fitting`:
     the least and the greatest distance of a pair, metres.
     """
     narrow, wide = fitting
     most = len(contact) * (len(contact) - 1) // 2
-    pairs, quality, count = np.empty((most, 2), np.int64), np.empty(most), 0
+    pairs, stability, count = np.empty((most, 2), np.int64), np.empty(most), 0
     for i in range(len(contact)):
         for j in range(i + 1, len(contact)):
             x, y = contact[j, 0] - contact[i, 0], contact[j, 1] - contact[i, 1]
@@ -234,9 +234,9 @@ def _holding_pairs(
             holding = cosine * min(steep[i], steep[j])
             if holding > MIN_HOLDING:
                 pairs[count, 0], pairs[count, 1] = i, j
-                quality[count] = holding * holding * min(ends[i], ends[j])
+                stability[count] = holding * holding * min(ends[i], ends[j])
                 count += 1
-    return pairs[:count].copy(), quality[:count].copy()
+    return pairs[:count].copy(), stability[:count].copy()
 
 
 @compiled

@@ -30,7 +30,7 @@ def expected_quality(network: PointCritic, features: GraspFeatures) -> Array:
 def seen_score(found: RankedGrasps, visible: Array, config: RankingConfig) -> Array:
     """Return s of Eq. 8 (n,), reduced in unseen space.
 
-    Eq. 8 uses seen points only. The object's far side may be in unseen space, so the score is
+    Eq. 8 uses seen points only. The object's unseen side may be in unseen space, so the score is
     weighted by the visible fraction `visible` (n,) of the space around the finger tips (D. 68).
     """
     s = eq8_score(found.clearance, found.enclosed_height, config)

@@ -46,8 +46,8 @@ def completions(
 ) -> list[Completion]:
     """Return the completion of each region of a frame, thinned to `resolution` metres.
 
-    `symmetries`: symmetries of each region. A neighbour's far side needs less confidence to be an
-    obstacle than the region's own far side.
+    `symmetries`: symmetries of each region. A neighbour's unseen side needs less confidence to be
+    an obstacle than the region's own unseen side.
     """
     own, beside = [], []
     for region, known in zip(regions, symmetries, strict=True):

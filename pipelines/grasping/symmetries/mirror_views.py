@@ -29,6 +29,9 @@ FARTHEST = 0.03  # metres, cap of the distance from an image to the seen surface
 FARTHEST_GAP = 0.02  # metres, cap of this distance along the normal
 DEEPEST = 0.05  # metres, cap of the depth behind or in front of the measured surface
 HEIGHTS = (-0.1, 0.5)  # metres above the table, caps
+# Per metre, or of a cap: they bring the features near one.
+LENGTH_SCALE, HEIGHT_SCALE, BEHIND_SCALE, GAP_SCALE = 10.0, 5.0, 20.0, 50.0
+AT_FARTHEST = 0.9  # feature of an image at `FARTHEST` or beyond
 LEVEL = 0.3  # length of up in the plane below which the viewing direction replaces it
 
 
@@ -204,25 +207,25 @@ def _rows(
                 for i in range(3):
                     along += axes[k, a, i] * (points[m, i] - foot[k, i])
                     facing += axes[k, a, i] * normals[m, i]
-                rows[k, m, PlanePointFeature.ALONG_NORMAL + a] = 10.0 * along
+                rows[k, m, PlanePointFeature.ALONG_NORMAL + a] = LENGTH_SCALE * along
                 rows[k, m, PlanePointFeature.NORMAL_NORMAL + a] = facing
                 height += table[a] * points[m, a]
                 image_height += table[a] * images[k, m, a]
-            far = min(distance[k, m], FARTHEST) / FARTHEST * 0.9
+            far = min(distance[k, m], FARTHEST) / FARTHEST * AT_FARTHEST
             off = min(max(gap[k, m], -FARTHEST_GAP), FARTHEST_GAP)
             rows[k, m, PlanePointFeature.IMAGE_DISTANCE] = far
-            rows[k, m, PlanePointFeature.IMAGE_GAP] = off * 50.0
+            rows[k, m, PlanePointFeature.IMAGE_GAP] = off * GAP_SCALE
             rows[k, m, PlanePointFeature.IMAGE_AGREEMENT] = agreement[k, m]
             at = k * len(points) + m
             if inside[at]:
                 column, row = pixels[at, 0], pixels[at, 1]
                 if depth[row, column] > 0:
                     behind = min(max(images[k, m, 2] - depth[row, column], -DEEPEST), DEEPEST)
-                    rows[k, m, PlanePointFeature.IMAGE_BEHIND] = 20.0 * behind
+                    rows[k, m, PlanePointFeature.IMAGE_BEHIND] = BEHIND_SCALE * behind
                     rows[k, m, PlanePointFeature.IMAGE_IS_MEASURED] = 1.0
                 rows[k, m, PlanePointFeature.IMAGE_IS_OWN] = mask[row, column]
             height = min(max(height, HEIGHTS[0]), HEIGHTS[1])
             image_height = min(max(image_height, HEIGHTS[0]), HEIGHTS[1])
-            rows[k, m, PlanePointFeature.HEIGHT] = 5.0 * height
-            rows[k, m, PlanePointFeature.IMAGE_HEIGHT] = 5.0 * image_height
+            rows[k, m, PlanePointFeature.HEIGHT] = HEIGHT_SCALE * height
+            rows[k, m, PlanePointFeature.IMAGE_HEIGHT] = HEIGHT_SCALE * image_height
     return rows

@@ -45,7 +45,7 @@ def plans_of_frame(
     grasps, score = best_first(*peer(frame, observation.scene, rng), observation.scene)
     regions, clouds = observation.in_workspace()
     owner = region_of_each(grasps, clouds)
-    if config.selects_for_peers:
+    if config.selects_for_compared_methods:
         kept = feasible_grasps(grasps, owner, clouds, observation.scene, gripper, config.selection)
         grasps, score, owner = grasps[kept], score[kept], owner[kept]
     kept = best_distinct(grasps)

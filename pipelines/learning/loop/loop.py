@@ -1,4 +1,4 @@
-"""The training engine that `train` and `finetune-detector` share.
+"""The training engine of all trainings.
 
 The output `NAME.safetensors` always holds the best weights by validation so far. A run also owns
 `NAME.checkpoint.safetensors`, from which it resumes exactly, `NAME.curves.png`, the folder

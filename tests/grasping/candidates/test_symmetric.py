@@ -44,7 +44,7 @@ def test_counterparts_lie_across_the_box():
     _, scene, region, planes = box_seen()
     pairs = pairs_of(region, scene, planes)
     assert len(pairs) > 5
-    facing = (pairs.slot == 1) & (pairs.quality > 0.9)  # the first contact lies on a side
+    facing = (pairs.slot == 1) & (pairs.stability > 0.9)  # the first contact lies on a side
     np.testing.assert_allclose(widths(pairs)[facing], 0.09, atol=0.004)
 
 

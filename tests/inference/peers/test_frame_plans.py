@@ -78,6 +78,6 @@ def test_our_selection_drops_grasps_that_collide_and_those_on_no_region():
     method = Fixed([ON_BOX, ON_BOX, OFF_BOX], [0.5, 0.9, 0.7])
     method.found = GraspPoses.concatenate([down, method.found[2:]])
     assert len(plan(method).grasps) == 3
-    result = plan(method, selects_for_peers=True)
+    result = plan(method, selects_for_compared_methods=True)
     assert result.regions.source.tolist() == ["geometric"]
     assert result.grasps.rank_score.tolist() == pytest.approx([0.5])

@@ -1,4 +1,4 @@
-"""Shards are joined column by column; a changed shard is refused with its reader's error."""
+"""Parts are joined column by column; a changed part is refused with its reader's error."""
 
 from pathlib import Path
 
@@ -9,8 +9,8 @@ from numpy.testing import assert_array_equal
 
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.grasp_files import grasps_file, grasps_stream
-from pipelines.grasp_files.grasps_file import read_shard
-from pipelines.grasp_files.grasps_stream import merge_shards, shard_sizes, shard_tables
+from pipelines.grasp_files.grasps_file import read_part
+from pipelines.grasp_files.grasps_stream import merge_parts, part_sizes, part_tables
 from pipelines.grasp_files.grasps_tables import FrameResult, Tables, joined_tables, tables_of
 from tests.grasp_files.test_grasps_file import CAMERA, STAMP, result
 
@@ -23,7 +23,7 @@ FRAMES = [
 
 
 @pytest.fixture
-def shard(tmp_path: Path) -> Path:
+def part(tmp_path: Path) -> Path:
     grasps_file.write(tmp_path / "a.h5", [FRAMES[3]], STAMP)
     return tmp_path / "a.h5"
 
@@ -38,19 +38,19 @@ def assert_same_tables(found: Tables, expected: Tables) -> None:
 
 
 @pytest.mark.parametrize("frame", FRAMES)
-def test_a_shard_gives_the_columns_of_its_frame(tmp_path: Path, frame: FrameResult) -> None:
+def test_a_part_gives_the_columns_of_its_frame(tmp_path: Path, frame: FrameResult) -> None:
     path = tmp_path / "a.h5"
     grasps_file.write(path, [frame], STAMP)
-    assert_same_tables(shard_tables(path), tables_of([frame]))
+    assert_same_tables(part_tables(path), tables_of([frame]))
     runs = len(frame.regions.mask_counts)
-    assert shard_sizes(path) == (len(frame.regions), len(frame.grasps), runs)
+    assert part_sizes(path) == (len(frame.regions), len(frame.grasps), runs)
 
 
-def test_columns_of_a_sound_shard_are_read_without_building_its_frame(
-    shard: Path, monkeypatch: pytest.MonkeyPatch
+def test_columns_of_a_sound_part_are_read_without_building_its_frame(
+    part: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(grasps_stream, "read_shard", None)
-    assert_same_tables(shard_tables(shard), tables_of([FRAMES[3]]))
+    monkeypatch.setattr(grasps_stream, "read_part", None)
+    assert_same_tables(part_tables(part), tables_of([FRAMES[3]]))
 
 
 @pytest.mark.parametrize("places", [[0], [1, 2], [0, 1, 2, 3], [3, 3, 0, 2]])
@@ -110,18 +110,18 @@ def value(name: str, place: object, content: object) -> object:
         lambda file: file.attrs.pop("format_version"),
     ],
 )
-def test_an_inconsistent_shard_is_refused_with_the_error_of_its_reader(
-    tmp_path: Path, shard: Path, change
+def test_an_inconsistent_part_is_refused_with_the_error_of_its_reader(
+    tmp_path: Path, part: Path, change
 ) -> None:
-    with h5py.File(shard, "r+") as file:
+    with h5py.File(part, "r+") as file:
         change(file)
     with pytest.raises(SymgraspError) as expected:
-        read_shard(shard)
+        read_part(part)
     with pytest.raises(type(expected.value)) as found:
-        shard_tables(shard)
+        part_tables(part)
     assert str(found.value) == str(expected.value)
     with pytest.raises(SymgraspError):
-        merge_shards(tmp_path / "g.h5", [shard], STAMP)
+        merge_parts(tmp_path / "g.h5", [part], STAMP)
     assert not (tmp_path / "g.h5").exists()
 
 
@@ -133,15 +133,15 @@ def test_an_inconsistent_shard_is_refused_with_the_error_of_its_reader(
         value("frames/size", 0, 0),
     ],
 )
-def test_a_shard_of_other_types_is_joined_as_its_reader_reads_it(shard: Path, change) -> None:
-    with h5py.File(shard, "r+") as file:
+def test_a_part_of_other_types_is_joined_as_its_reader_reads_it(part: Path, change) -> None:
+    with h5py.File(part, "r+") as file:
         change(file)
-    assert_same_tables(shard_tables(shard), tables_of([read_shard(shard)]))
+    assert_same_tables(part_tables(part), tables_of([read_part(part)]))
 
 
-def test_a_damaged_shard_is_reported_in_one_sentence(tmp_path: Path, shard: Path) -> None:
-    data = shard.read_bytes()
+def test_a_damaged_part_is_reported_in_one_sentence(tmp_path: Path, part: Path) -> None:
+    data = part.read_bytes()
     for damaged in (data[:3000], data[:2000] + b"x" + data[2001:], b""):
-        shard.write_bytes(damaged)
+        part.write_bytes(damaged)
         with pytest.raises(FormatError, match=r"a\.h5"):
-            merge_shards(tmp_path / "g.h5", [shard], STAMP)
+            merge_parts(tmp_path / "g.h5", [part], STAMP)

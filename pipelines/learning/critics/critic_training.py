@@ -92,6 +92,8 @@ class CriticTraining:
                 raise ValueRangeError(found, "not both true and false", "some of both")
         self.rows, self.held, self.config = rows, held, config
         self.mirrored = list(kind.mirrored)
+        columns = kind.features.candidate
+        self.mirrored_candidates = [columns.index(name) for name in kind.mirrored_candidates]
         self.weight_choice = choice_weight(kind, config)
         self.micro_batch_size = max(1, config.batch_size // MICRO_BATCHES)
         if self.weight_choice > 0:  # an item is a group
@@ -132,10 +134,12 @@ class CriticTraining:
         seen = rng.permutation(total)[: max(1, round(config.point_share * total))]
         points = rows.points[:, seen].astype(np.float32)
         signs = np.array([-1.0, 1.0], np.float32)
-        points[..., self.mirrored] *= rng.choice(signs, (len(points), 1, 1))
+        sign, candidates = rng.choice(signs, (len(points), 1, 1)), rows.candidates.copy()
+        points[..., self.mirrored] *= sign
+        candidates[:, self.mirrored_candidates] *= sign[:, 0]
         noise = rng.standard_normal((*points.shape[:2], 3), np.float32)
         points[..., :3] += np.float32(config.jitter) * noise
-        columns = points, rows.shared, rows.candidates, rows.truth, rows.group
+        columns = points, rows.shared, candidates, rows.truth, rows.group
         return CriticBatch(*map(torch.from_numpy, columns))
 
     def loss(

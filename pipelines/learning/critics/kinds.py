@@ -22,7 +22,8 @@ class CriticKind:
         model: name of the critic in its weights file.
         needs: models whose candidates the critic learns from, as named in `ModelPaths`.
         num_points: number of points of a candidate.
-        mirrored: columns of the points that may all change sign together.
+        mirrored: columns of the points that change sign in a mirror image, as true as the original.
+        mirrored_candidates: features of a candidate that change sign with them.
         chooses: whether the critic also learns to choose among the candidates of a group.
     """
 
@@ -31,6 +32,7 @@ class CriticKind:
     needs: tuple[str, ...]
     num_points: int
     mirrored: tuple[int, ...]
+    mirrored_candidates: tuple[str, ...] = ()
     chooses: bool = False
 
     @property
@@ -60,12 +62,13 @@ CRITIC_KINDS: dict[str, CriticKind] = {
             mirror_views.NUM_POINTS,
             (PlanePointFeature.ALONG_ACROSS, PlanePointFeature.NORMAL_ACROSS),
         ),
-        CriticKind(  # a grasp is its own mirror image
+        CriticKind(  # the gripper is its own mirror image in the plane of approach and closing
             "grasps",
             critic_files.GRASPS,
             ("detector", "network", "axis_critic", "plane_critic"),
             grasp_features.NUM_POINTS,
             (GraspPointFeature.ALONG_BINORMAL, GraspPointFeature.NORMAL_BINORMAL),
+            ("up_binormal", "mean_binormal", "middle_binormal"),
             chooses=True,
         ),
     )

@@ -11,7 +11,12 @@ from pipelines.evaluation.trial_records import HELD, Outcome
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.runtime.physics import mujoco
-from pipelines.simulation.gripper_model import SimulatedGripper, add_gripper, stroke
+from pipelines.simulation.gripper_model import (
+    FINGER_STIFFNESS,
+    SimulatedGripper,
+    add_gripper,
+    stroke,
+)
 from pipelines.simulation.world import TIME_STEP, Pieces, add_object, empty_world
 from pipelines.synthesis.scenes.settling import compiled_world
 
@@ -51,7 +56,7 @@ class Trial:
     data: mujoco.MjData
     gripper: SimulatedGripper
     body: int
-    stroke: float
+    stroke: float  # metres, of each finger until both meet
     config: SimulateConfig
 
     @classmethod
@@ -110,6 +115,14 @@ class Trial:
         weight = GRAVITY * float(self.model.body_mass[self.body])
         return min(self.config.grip_force * weight, self.config.max_force)
 
+    @property
+    def _squeezed(self) -> float:
+        """Target in metres from which the fingers press with `grip_force`, however thin the object.
+
+        A finger's servo presses in proportion to the distance from its target.
+        """
+        return self.stroke + self.grip_force / FINGER_STIFFNESS
+
     def _approach(self) -> bool:
         """Move along the approach axis; return whether the path was free."""
         start = np.array([-self.config.approach, 0.0, 0.0])
@@ -137,7 +150,7 @@ class Trial:
     def _lift(self) -> None:
         up = self.config.lift * self._to_gripper(np.array([0.0, 0.0, 1.0]))
         for share in _smooth(LIFT_SECONDS):
-            self._step(share * up, self.stroke)
+            self._step(share * up, self._squeezed)
         self._wait(up, REST_SECONDS)
 
     def _tug(self) -> None:
@@ -148,7 +161,7 @@ class Trial:
             force = self._gripper_rotation @ (mass * self.config.tug * direction)
             for share in _pulse():
                 self.data.xfrc_applied[self.body, :3] = share * force
-                self._step(place, self.stroke)
+                self._step(place, self._squeezed)
             self.data.xfrc_applied[self.body] = 0.0
             self._wait(place, REST_SECONDS)
 
@@ -174,7 +187,7 @@ class Trial:
 
     def _wait(self, place: Array, seconds: float) -> None:
         for _ in range(round(seconds / TIME_STEP)):
-            self._step(place, self.stroke)
+            self._step(place, self._squeezed)
 
     def _step(self, place: Array, travel: float) -> None:
         self.gripper.steer(place, travel)

@@ -9,6 +9,7 @@ from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, rotation_about
 from pipelines.grasp_files.gripper_files import load_gripper, preset_names
 from pipelines.grasping.grasps import GraspPoses
+from pipelines.runtime.physics import mujoco
 from pipelines.simulation.trial import Outcome, Trial
 from pipelines.synthesis.objects.decomposition import hull_of_points
 from tests.metrics.shapes import ball, box, moved
@@ -246,6 +247,35 @@ def test_a_scene_whose_simulation_diverges_is_no_success(monkeypatch, tmp_path):
     assert trial.run(0.5).reason == "diverged"
     monkeypatch.undo()
     assert trial.run(0.5).reason == "held"
+
+
+def finger_force(trial: Trial) -> float:
+    """Return the mean force of a finger on the object, newtons."""
+    total, force = 0.0, np.zeros(6)
+    for index, geoms in enumerate(trial.data.contact.geom):
+        pair = trial.model.geom_bodyid[geoms]
+        if trial.body in pair and np.isin(pair, trial.gripper.finger_bodies).any():
+            mujoco.mj_contactForce(trial.model, trial.data, index, force)
+            total += force[0]
+    return total / 2.0
+
+
+@pytest.mark.parametrize("width", [0.003, 0.012, 0.05])
+def test_the_fingers_press_alike_on_thin_and_wide_places(width, monkeypatch):
+    base, fin = box(0.07, 0.07, 0.04), box(0.05, width, 0.05)
+    pieces = [base, moved(fin, make_pose(np.eye(3), [0.0, 0.0, 0.045]))]
+    grasp = GraspPoses(DOWN, np.array([0.0, 0.0, 0.075]), np.array(width))
+    pose = make_pose(np.eye(3), [0.0, 0.0, 0.02])
+    trial = Trial.of({0: pieces}, {0: pose}, 0, grasp, load_gripper("rg2"), SimulateConfig())
+    lift, forces = Trial._lift, []
+
+    def note_and_lift(self: Trial) -> None:
+        forces.append(finger_force(self))
+        lift(self)
+
+    monkeypatch.setattr(Trial, "_lift", note_and_lift)
+    assert trial.run(0.8).reason == "held"
+    assert forces == pytest.approx([trial.grip_force], rel=0.03)
 
 
 def test_the_fingers_squeeze_with_multiples_of_the_objects_weight_up_to_their_limit():

@@ -1,5 +1,6 @@
 """Mirror planes of one body: consistent sets, the plane across an axis, the best three."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
@@ -55,8 +56,8 @@ def _form_a_group(
     between = float(np.arccos(np.clip(abs(first[:3] @ second[:3]), 0.0, 1.0)))
     if between < CLOSEST_PLANES:
         return False
-    order = round(np.pi / between)
-    if abs(between - np.pi / order) > GROUP_TOLERANCE:
+    order = _order(between, config.max_order)
+    if order is None:
         return False
     wider = replace(
         config,
@@ -68,6 +69,19 @@ def _form_a_group(
         if not fit_of_plane(shape, second, shape.samples).holds(wider):
             return False
     return True
+
+
+def _order(between: float, most: int) -> int | None:
+    """Return the least number of planes through one line that contain two planes; None if too many.
+
+    Such planes are pi / order apart, so two of them may be any multiple of that apart, as `between`.
+    """
+    for order in range(2, most + 1):
+        steps = round(between * order / np.pi)
+        is_least = math.gcd(steps, order) == 1
+        if is_least and abs(between - steps * np.pi / order) <= GROUP_TOLERANCE:
+            return order
+    return None
 
 
 def _mirrored(plane: Array, mirror: Array) -> Array:

@@ -104,6 +104,18 @@ def test_a_hexagonal_prism_has_a_sixfold_axis_and_no_continuous_one():
     assert len(planes_of(found)) == 3
 
 
+@pytest.mark.parametrize(("sides", "apart"), [(5, 72.0), (7, 77.1), (8, 90.0)])
+def test_a_prism_has_an_axis_of_its_order_and_its_most_orthogonal_planes(sides, apart):
+    for seed in range(3):
+        turn = make_pose(random_rotation(np.random.default_rng(seed)), np.zeros(3))
+        found = detect(cylinder(0.03, 0.05, sections=sides).transformed(turn))
+        (axis,) = axes_of(found)
+        assert axis.order == sides
+        upright = [p for p in planes_of(found) if angle_deg(p.normal, axis.direction) > 45.0]
+        assert len(upright) == 2
+        assert angle_deg(upright[0].normal, upright[1].normal) == pytest.approx(apart, abs=1.0)
+
+
 def test_a_ball_is_a_sphere_and_nothing_else():
     found = detect(ball())
     assert [symmetry.kind for symmetry in found] == ["sphere"]

@@ -72,9 +72,9 @@ def _form_a_group(
 
 
 def _order(between: float, most: int) -> int | None:
-    """Return the least number of planes through one line that contain two planes; None if too many.
+    """Return the least number of planes through a line that contain two planes; None if too many.
 
-    Such planes are pi / order apart, so two of them may be any multiple of that apart, as `between`.
+    Such planes are pi / order apart; two of them may be a multiple of that apart, as `between`.
     """
     for order in range(2, most + 1):
         steps = round(between * order / np.pi)

@@ -3,14 +3,12 @@
 Depth is an image of 16UC1 or mono16 (millimetres, 0 = missing) or 32FC1 (metres, NaN = missing),
 as in REP 118; colour is rgb8, bgr8, rgba8 or bgra8; `ros_images` decodes both, also if compressed
 by image_transport. The camera is the CameraInfo next to the depth topic, or, for depth that is
-aligned to colour, next to the colour topic. A bag may hold several cameras: the topics of one
-camera begin alike.
+aligned to colour, next to the colour topic. `ros_topics` tells the cameras of a bag.
 """
 
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,14 +26,19 @@ from pipelines.frames.encodings.ros_images import (
     raw_topic,
     shown_by,
 )
+from pipelines.frames.encodings.ros_topics import (
+    Calibration,
+    Topics,
+    cameras_of_topics,
+    is_aligned_depth,
+    with_info,
+)
 from pipelines.frames.encodings.yaml_files import read_yaml
 from pipelines.frames.lens import NO_DISTORTION, distortion_in
 from pipelines.storage.files import existing
 
 IMAGE, CAMERA = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
-# In the names of aligned depth topics of drivers; Azure Kinect's is depth_to_rgb.
-ALIGNED = ("aligned", "registered", "depth_to_rgb", "depth_to_color")
 METADATA = "metadata.yaml"  # of a ROS 2 folder
 SQLITE_SIDES = ("-journal", "-wal", "-shm")  # files that SQLite opens next to a database
 EXTRA = "install it with `pip install symgrasp[ros]`"
@@ -50,35 +53,6 @@ class Recorded(NamedTuple):
 
 
 Stamps = list[tuple[float, Recorded]]  # seconds of the image, and its identifier
-
-
-@dataclass(frozen=True)
-class Topics:
-    """The topics of an RGB-D camera; `camera`: topic of the depth's CameraInfo, if any."""
-
-    color: str
-    depth: str
-    camera: str | None = None
-
-    @property
-    def is_aligned(self) -> bool:
-        """Whether the name of the depth topic states that depth is aligned to colour."""
-        return _is_aligned(self.depth)
-
-    @property
-    def is_rectified(self) -> bool:
-        """Whether the name of the depth topic states that lens distortion was removed."""
-        return "rect" in raw_topic(self.depth).rpartition("/")[2]
-
-    @property
-    def shared(self) -> str:
-        """Common beginning of both topics, in whole parts, such as `/left` of a camera `left`."""
-        return "/".join(self.depth.split("/")[: _shared(self.color, self.depth)])
-
-    @property
-    def name(self) -> str:
-        """A name for the camera among others of the bag."""
-        return (self.shared or self.color).strip("/")
 
 
 @contextmanager
@@ -151,7 +125,9 @@ def find_cameras(path: Path, reader: Any) -> tuple[list[Topics], list[str]]:  # 
             f"depth as {', '.join(DEPTH_ENCODINGS)}, PNG of 16 bits and compressedDepth",
         )
     infos = {c.topic for c in reader.connections if c.msgtype == CAMERA}
-    cameras = [_with_info(camera, infos) for camera in _cameras(colors, depths)]
+    compared = infos if len(colors) > 1 else set()
+    stated = {topic: each for topic in compared if (each := _calibration(reader, topic))}
+    cameras = [with_info(each, infos) for each in cameras_of_topics(colors, depths, stated)]
     read = [camera for camera in cameras if camera.is_aligned] or cameras[:1]
     return sorted(read, key=lambda camera: camera.name), _passed_over(colors, depths, cameras, read)
 
@@ -171,7 +147,7 @@ def _images(reader: Any) -> dict[str, str]:  # noqa: ANN401 - an extra's
 def _passed_over(
     colors: list[str], depths: list[str], cameras: list[Topics], read: list[Topics]
 ) -> list[str]:
-    """Return a sentence for each depth topic that may belong to a camera and is not read."""
+    """Return a sentence for each topic that may belong to a camera and is not read."""
     others = [camera.depth for camera in cameras if camera not in read]
     sentences = [f"{depth} is passed over: it is not called aligned" for depth in others]
     if set(colors) != {camera.color for camera in read}:
@@ -179,37 +155,9 @@ def _passed_over(
         sentences += [
             f"{depth} is passed over: by the topics' names it belongs to no other camera"
             for depth in depths
-            if _is_aligned(depth) and depth not in known
+            if is_aligned_depth(depth) and depth not in known
         ]
-    return sentences
-
-
-def _cameras(colors: list[str], depths: list[str]) -> list[Topics]:
-    """Return one camera for each common beginning and colour topic, aligned cameras first.
-
-    A camera has several depth topics (aligned to different images, rectified): the first by name
-    is taken. Depth without a recorded colour pairs with another camera's colour, already taken.
-    """
-    pairs = [
-        Topics(max(colors, key=lambda color: (_shared(color, depth), color)), depth)
-        for depth in depths
-    ]
-    pairs.sort(key=lambda pair: (not pair.is_aligned, -_shared(pair.color, pair.depth), pair.depth))
-    cameras: list[Topics] = []
-    for pair in pairs:
-        if all(pair.color != c.color and pair.shared != c.shared for c in cameras):
-            cameras.append(pair)
-    return cameras
-
-
-def _is_aligned(depth: str) -> bool:
-    return any(word in depth for word in ALIGNED)
-
-
-def _with_info(camera: Topics, infos: set[str]) -> Topics:
-    sources = (camera.depth, camera.color) if camera.is_aligned else (camera.depth,)
-    found = (each for source in sources for each in _infos(source) if each in infos)
-    return replace(camera, camera=next(found, None))
+    return sentences + [camera.note for camera in read if camera.rivals]
 
 
 def read_stamps(reader: Any, topic: str) -> Stamps:  # noqa: ANN401 - an extra's
@@ -241,19 +189,32 @@ def read_camera(path: Path, reader: Any, topics: Topics) -> CameraFile | None:  
     """
     if topics.camera is None:
         return None
-    _t, info = next(_messages(reader, topics.camera), (0, None))
-    K, P, D = (getattr(info, name, getattr(info, name.upper(), None)) for name in "kpd")
-    if info is None or K is None:
+    stated = _calibration(reader, topics.camera)
+    if stated is None:
         found = f"{topics.camera} holds no CameraInfo"
         raise FormatError(path, found, "give --intrinsics fx,fy,cx,cy")
-    matrix = np.asarray(K, np.float64).reshape(3, 3)
-    stated = {"D": np.asarray(() if D is None else D).tolist()}
-    distortion = distortion_in(path, stated | {"distortion_model": info.distortion_model})
+    lens = {"D": list(stated.distortion), "distortion_model": stated.model}
+    matrix, distortion = stated.matrix, distortion_in(path, lens)
     if topics.is_rectified:
-        projection = np.asarray(P, np.float64).reshape(3, 4)[:, :3]
-        matrix, distortion = projection if projection.any() else matrix, NO_DISTORTION
-    facts = {"width": int(info.width), "height": int(info.height), "distortion": distortion}
-    return CameraFile.from_matrix(path, matrix, **facts)
+        matrix = stated.projection if stated.projection.any() else matrix
+        distortion = NO_DISTORTION
+    width, height = stated.size
+    return CameraFile.from_matrix(path, matrix, width=width, height=height, distortion=distortion)
+
+
+def _calibration(reader: Any, topic: str) -> Calibration | None:  # noqa: ANN401 - an extra's
+    """Return the first CameraInfo of `topic`, None if there is none."""
+    _t, info = next(_messages(reader, topic), (0, None))
+    K, P, D = (getattr(info, name, getattr(info, name.upper(), None)) for name in "kpd")
+    if info is None or K is None:
+        return None
+    return Calibration(
+        size=(int(info.width), int(info.height)),
+        matrix=np.asarray(K, np.float64).reshape(3, 3),
+        projection=np.asarray(P, np.float64).reshape(3, 4)[:, :3],
+        distortion=tuple(np.asarray(() if D is None else D).tolist()),
+        model=info.distortion_model,
+    )
 
 
 def _messages(reader: Any, topic: str, recorded: int | None = None) -> Iterator[tuple[int, Any]]:  # noqa: ANN401
@@ -269,18 +230,3 @@ def _messages(reader: Any, topic: str, recorded: int | None = None) -> Iterator[
 def _nanoseconds(image: Any) -> int:  # noqa: ANN401 - an extra's
     """Return the time in the header of a message."""
     return int(image.header.stamp.sec) * 10**9 + int(image.header.stamp.nanosec)
-
-
-def _infos(topic: str) -> list[str]:
-    """Return the topics in which drivers publish the CameraInfo of an image topic."""
-    parts = raw_topic(topic).split("/")
-    return ["/".join([*parts[:end], name]) for end, name in _PLACES if len(parts) > abs(end)]
-
-
-_PLACES = ((-1, "camera_info"), (-2, "camera_info"), (-2, "info/camera_info"))
-
-
-def _shared(topic: str, other: str) -> int:
-    """Return the number of equal leading parts of two topics, as topics of one camera have."""
-    pairs = list(zip(topic.split("/"), other.split("/"), strict=False))
-    return next((i for i, (one, two) in enumerate(pairs) if one != two), len(pairs))

@@ -10,13 +10,13 @@ from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.camera_search import where_a_camera_may_be
 from pipelines.frames.encodings.ros_bags import (
     Recorded,
-    Topics,
     find_cameras,
     open_bag,
     read_camera,
     read_image_at,
     read_stamps,
 )
+from pipelines.frames.encodings.ros_topics import Topics
 from pipelines.frames.layouts.layout import FoundFrame, Layout, refuse
 from pipelines.frames.layouts.tum import associate
 from pipelines.frames.rgbd import Frame, as_color, make_frame

@@ -7,7 +7,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from pipelines.errors import FormatError
-from pipelines.frames.encodings.ros_bags import Recorded, Topics, _cameras
+from pipelines.frames.encodings.ros_bags import Recorded
+from pipelines.frames.encodings.ros_topics import Topics, cameras_of_topics
 from pipelines.frames.frames import find_frames
 from pipelines.frames.layouts.rosbag import frame_stems
 from tests.frames.layouts import build
@@ -90,6 +91,26 @@ def test_azure_kinects_aligned_depth_is_known(tmp_path: Path) -> None:
     assert frame.notes == ()
 
 
+def test_colour_aligned_to_the_depth_camera_is_not_taken_for_depth_aligned_to_colour(
+    tmp_path: Path,
+) -> None:
+    other = {"color": "/rgb_to_depth/image_raw", "depth": "/depth/image_raw"}
+    write_bag(tmp_path / "a", topics=AZURE, more=(other | {"info": "/depth/camera_info"},))
+    frame = find_frames(tmp_path)[0].read()
+    is_frame(frame.color, frame.depth, 0)
+    assert frame.notes == ()
+
+
+def test_a_second_colour_that_fits_as_well_gives_a_note(tmp_path: Path) -> None:
+    topics = below("camera") | {"depth": "/camera/aligned_depth/image_raw"}
+    write_bag(tmp_path / "a", topics=topics, more=({"color": "/camera/rgb/image_raw"},))
+    (note,) = find_frames(tmp_path)[0].read().notes
+    assert note == (
+        "colour is read from /camera/color/image_raw; /camera/rgb/image_raw may belong to "
+        "/camera/aligned_depth/image_raw as well"
+    )
+
+
 def test_a_camera_whose_depth_is_not_aligned_gives_a_warning(tmp_path: Path) -> None:
     raw = below("right") | {"depth": "/right/depth/image_rect_raw"}
     write_bag(tmp_path / "a", topics=below("left"), more=(raw,))
@@ -122,4 +143,4 @@ def test_a_camera_whose_topics_do_not_identify_it_gives_a_warning(tmp_path: Path
 def test_topics_of_one_camera_share_their_first_words(
     colors: list[str], depths: list[str], expected: list[tuple[str, str]]
 ) -> None:
-    assert _cameras(colors, depths) == [Topics(*each) for each in expected]
+    assert cameras_of_topics(colors, depths, {}) == [Topics(*each) for each in expected]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pipelines.errors import SymgraspError
 from pipelines.frames.graspnet_scene import CAMERAS
-from pipelines.frames.layouts.registry import frames_in, pickled_in
+from pipelines.frames.layouts.registry import frames_in, holds_frame, pickled_in
 from pipelines.frames.rgbd import FrameSource
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.frames.unread_files import why_no_frames
@@ -30,8 +30,9 @@ def find_frames(
     """List the RGB-D frames of `folder`, sorted by folder and name.
 
     Layouts are distinguished by their files. A folder that holds frames is not searched further
-    down; a folder that holds none is searched folder by folder. Images are not read yet:
-    `FrameSource.read` reads them, and raises their faults.
+    down; a folder that holds none is searched folder by folder, and its images without a partner
+    are listed only if nothing else is found. Images are not read yet: `FrameSource.read` reads
+    them, and raises their faults.
 
     Args:
         folder: folder to search, or one file of a frame (an image, `.npz`, `.pcd`).
@@ -107,15 +108,24 @@ def _search(
     if not is_wanted(folder.name):
         return []
     direct = frames_in(folder, prefix, options)
-    if direct:
+    if holds_frame(direct):
         return direct
-    # In a GraspNet root only the scenes hold frames; models/ is large.
-    below = [folder / "scenes"] if (folder / "scenes").is_dir() else sorted(folder.iterdir())
-    sources, way = [], (*way, real_path(folder))
-    for child in below:
+    sources, way = list[FrameSource](), (*way, real_path(folder))
+    for child in _below(folder):
         if child.is_symlink() and any(step.is_relative_to(real_path(child)) for step in way):
             continue  # a link back to a folder on the way would be searched again and again
         if child.is_dir() and not child.name.startswith("."):
             name = f"{prefix}/{child.name}" if prefix else child.name
             sources += _search(child, name, options, is_wanted, way)
-    return sources or pickled_in(folder, prefix, options)
+    if holds_frame(sources):
+        return sources
+    return pickled_in(folder, prefix, options) or direct or sources
+
+
+def _below(folder: Path) -> list[Path]:
+    """Return what to search below `folder`: of a GraspNet root the scenes, as models/ is large."""
+    scenes = folder / "scenes"
+    is_root = scenes.is_dir() and any(
+        SCENE_FOLDER.fullmatch(each.name) for each in scenes.iterdir()
+    )
+    return [scenes] if is_root else sorted(folder.iterdir())

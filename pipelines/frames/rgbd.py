@@ -63,6 +63,7 @@ class FrameSource:
     read: Callable[[], Frame]
     files: tuple[Path, ...] = ()  # the frame's existing files, colour first
     layout: str = ""  # the name of the layout it was found in
+    is_whole: bool = True  # False for an image without its partner, which may be no frame at all
 
 
 def read_color(path: Path) -> NDArray[np.uint8]:

@@ -12,6 +12,8 @@ COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".exr")
 COLOR_WORDS = ("color", "colour", "rgb")
 COLOR_FOLDERS = ("rgb", "color", "image", "images", "gray")
+# Rests of the names of arrays that hold facts about the images, such as depth_scale.npy.
+FACTS = re.compile("(camera[-_.])?((?i:matrix|params|scale|units?|(in|ex)trinsics?)|K)")
 ImageFiles = dict[str, list[Path]]  # by the rest of the name; the first file is taken
 
 
@@ -56,6 +58,11 @@ class ImagePair:
     depth: Path | None
     rivals: tuple[Path, ...] = ()  # several files that could be its colour, or its depth
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether both files are there."""
+        return self.color is not None and self.depth is not None
+
 
 def read_with_camera(
     color: Path,
@@ -90,6 +97,9 @@ def flat_pairs(folder: Path) -> list[ImagePair]:
     for stem in between[0].keys() & between[1].keys():
         colors.setdefault(stem, between[0][stem])
         depths.setdefault(stem, between[1][stem])
+    depths = {
+        stem: paths for stem, paths in depths.items() if stem in colors or not _is_fact(stem, paths)
+    }
     # x_depth_color.png is a picture of the depth, unless it is the colour of x_depth_depth.png.
     colors = {
         stem: paths
@@ -101,6 +111,12 @@ def flat_pairs(folder: Path) -> list[ImagePair]:
         if plain is not None and plain.suffix.lower() in COLOR_SUFFIXES:
             colors[""] = [plain]
     return _paired(colors, depths)
+
+
+def _is_fact(stem: str, depths: Sequence[Path]) -> bool:
+    """Return whether files are arrays of other numbers, such as depth_intrinsics.npy."""
+    are_arrays = all(path.suffix.lower() in (".npy", ".npz") for path in depths)
+    return are_arrays and FACTS.fullmatch(stem) is not None
 
 
 def _paired(colors: ImageFiles, depths: ImageFiles) -> list[ImagePair]:

@@ -22,7 +22,8 @@ def _find(folder: Path, options: FrameOptions) -> Iterator[FoundFrame]:
         for pair in sister_pairs(folder, suffix):
             read = functools.partial(read_paired, pair, camera, options)
             stem = f"{suffix.strip('_')}/{pair.stem}"
-            yield FoundFrame(stem, read, (pair.color, pair.depth, camera))
+            files = (pair.color, pair.depth, camera)
+            yield FoundFrame(stem, read, files, is_whole=pair.is_whole)
 
 
 LAYOUT = Layout("BOP scene", _find)

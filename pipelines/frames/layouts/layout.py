@@ -19,6 +19,7 @@ class FoundFrame:
     read: Callable[[], Frame]
     files: tuple[Path | None, ...]  # the frame's existing files, colour first; None is left out
     layout: str = ""  # name of the layout, if it is not the layout that finds the frame
+    is_whole: bool = True  # False for an image without its partner, which may be no frame at all
 
 
 @dataclass(frozen=True)

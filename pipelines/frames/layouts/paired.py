@@ -55,7 +55,8 @@ class Pairing:
         for pair in sorted(self.pairs(folder), key=lambda pair: pair.stem):
             camera = self.camera_file(folder, pair, shared)
             read = functools.partial(read_paired, pair, camera, options)
-            yield FoundFrame(pair.stem, read, (pair.color, pair.depth, camera))
+            files = (pair.color, pair.depth, camera)
+            yield FoundFrame(pair.stem, read, files, is_whole=pair.is_whole)
 
 
 def _holds(path: Path, key: str) -> bool:

@@ -1,8 +1,12 @@
-"""All layouts of RGB-D frames, most specific first: the first layout that finds frames counts."""
+"""All layouts of RGB-D frames, most specific first: the first layout that finds frames counts.
+
+Images without their partner count only if no layout finds a whole frame: pictures of other kinds
+have such names too.
+"""
 
 import functools
 import itertools
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -37,14 +41,22 @@ LAST_RESORT = arrays.PICKLED
 
 
 def frames_in(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
-    """List the frames directly in `folder`, empty if there are none.
+    """List the frames directly in `folder`, empty if there are none; `holds_frame` if one is whole.
 
     A folder with a damaged index gives one source, which raises the fault.
     """
+    alone: list[FrameSource] = []
     for layout in LAYOUTS:
-        if found := _found(layout, folder, prefix, options):
+        found = _found(layout, folder, prefix, options)
+        if holds_frame(found):
             return found
-    return []
+        alone = alone or found
+    return alone
+
+
+def holds_frame(sources: Iterable[FrameSource]) -> bool:
+    """Return whether one of `sources` is more than an image without its partner."""
+    return any(source.is_whole for source in sources)
 
 
 def pickled_in(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
@@ -67,7 +79,8 @@ def _found(
             name = _unused(frame_name(folder, prefix, each.stem), taken)
             taken.add(name)
             read = functools.partial(_named, name, each.read)
-            sources.append(FrameSource(name, read, files, each.layout or layout.name))
+            found_in = each.layout or layout.name
+            sources.append(FrameSource(name, read, files, found_in, each.is_whole))
     return sources
 
 

@@ -30,7 +30,8 @@ def _find(folder: Path, options: FrameOptions) -> Iterator[FoundFrame]:
     present = [path for path in cameras if path.is_file()]
     for pair in sister_pairs(folder):
         read = functools.partial(_read, pair, cameras, options)
-        yield FoundFrame(pair.stem, read, (pair.color, pair.depth, *present))
+        files = (pair.color, pair.depth, *present)
+        yield FoundFrame(pair.stem, read, files, is_whole=pair.is_whole)
 
 
 def seen_by(color: NDArray[np.uint8], camera: CameraFile, other: Intrinsics) -> NDArray[np.uint8]:

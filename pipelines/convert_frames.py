@@ -7,10 +7,11 @@ Nothing is lost: depth that does not fit into 16 bits, as floats, goes to `NAME_
 folder appears once it is complete; frames that cannot be read count as failed and are left out.
 """
 
+import itertools
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 
@@ -34,6 +35,7 @@ from pipelines.storage.provenance import (
 )
 
 STAGE = "convert-frames"
+LEAF = "frames"  # folder of the frames that are next to folders with frames
 
 
 @one_run_at_a_time(STAGE, "output")
@@ -54,21 +56,50 @@ def run(
     """
     started, report = time.monotonic(), StageReport(STAGE)
     sources = find_frames(frames, replace(stated, trust_pickles=config.trust_pickle))
+    names = separate_names([source.name for source in sources])
     overrides = f"{stated.camera} {stated.depth_units_per_metre}"
     stamp = make_stamp(STAGE, config, inputs={"frames": _digest(sources), "overrides": overrides})
     refuse_foreign(output, STAGE)
     if is_finished(output, stamp, overwrite=overwrite):
-        report.skipped += [source.name for source in sources]
+        report.skipped += names
         return report
     with atomic_folder(output) as folder:
-        for source in sources:
-            with report.attempting(source.name):
-                write_flat_pair(folder, source.read())
-        write_sidecar(folder, stamp)
+        for source, name in zip(sources, names, strict=True):
+            with report.attempting(name):
+                write_flat_pair(folder, replace(source.read(), name=name))
         if not report.done:
             raise SymgraspError(report.why_all_failed("can be read, nothing is written"))
+        _fail_hidden(report, folder)
+        write_sidecar(folder, stamp)
     report.seconds = time.monotonic() - started
     return report
+
+
+def separate_names(names: Sequence[str]) -> list[str]:
+    """Return `names` with no frame next to a folder of other frames, where neither hides the other.
+
+    A folder that holds frames is not searched further down, so its frames go to a folder there.
+    """
+    paths = [PurePosixPath(name) for name in names]
+    folders = {path.parent for path in paths}
+    above = {upper for folder in folders for upper in folder.parents}
+
+    def place_below(folder: PurePosixPath) -> PurePosixPath:
+        numbered = (f"{LEAF}-{number}" for number in itertools.count(2))
+        places = (folder / leaf for leaf in itertools.chain([LEAF], numbered))
+        return next(place for place in places if place not in folders and place not in above)
+
+    places = {folder: place_below(folder) for folder in folders & above}
+    return [str(places.get(path.parent, path.parent) / path.name) for path in paths]
+
+
+def _fail_hidden(report: StageReport, folder: Path) -> None:
+    """Count frames as failed that are not found again in `folder`, such as in hidden folders."""
+    found = {source.name for source in find_frames(folder, may_be_empty=True)}
+    hidden = [name for name in report.done if name not in found]
+    why = "is not found again under this name among the others; give its images another name"
+    report.failed |= dict.fromkeys(hidden, why)
+    report.done = [name for name in report.done if name in found]
 
 
 def write_flat_pair(folder: Path, frame: Frame) -> None:

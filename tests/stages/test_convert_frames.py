@@ -109,6 +109,43 @@ def test_a_real_pickle_of_python_2_is_converted_to_the_flat_frame(
     assert_array_equal(frame.color, flat.read().color)
 
 
+def test_frames_of_a_plain_and_of_a_named_sensor_are_all_read_back(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    build.bop_scene(tmp_path / "in")
+    build.bop_sensor(tmp_path / "in")
+    report = convert_frames.run(tmp_path / "in", tmp_path / "out", CONFIG)
+    names = ["frames/000000", "frames/000001", "photoneo/000000", "photoneo/000001"]
+    assert sorted(report.done) == names
+    assert [source.read().name for source in find_frames(tmp_path / "out")] == names
+    again = convert_frames.run(tmp_path / "in", tmp_path / "out", CONFIG)
+    assert sorted(again.skipped) == names
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (["1", "2"], ["1", "2"]),
+        (["a/1", "b/c/1"], ["a/1", "b/c/1"]),
+        (["a/1", "a/b/1"], ["a/frames/1", "a/b/1"]),
+        (["1", "frames/x/1", "frames-2/1"], ["frames-3/1", "frames/x/1", "frames-2/1"]),
+    ],
+)
+def test_no_frame_is_next_to_a_folder_of_frames(names: list[str], expected: list[str]) -> None:
+    assert convert_frames.separate_names(names) == expected
+
+
+def test_a_frame_that_is_not_found_again_counts_as_failed(tmp_path: Path) -> None:
+    build.nerfstudio(tmp_path)
+    index = tmp_path / "transforms.json"
+    text = index.read_text().replace("./images/1.png", ".hidden/0.png")
+    index.write_text(text)
+    (tmp_path / ".hidden").mkdir()
+    (tmp_path / "images/1.png").rename(tmp_path / ".hidden/0.png")
+    report = convert_frames.run(tmp_path, tmp_path / "out", CONFIG)
+    assert report.done == ["images/0"]
+    assert "is not found again under this name" in report.failed[".hidden/0"]
+
+
 def test_the_command_converts_frames(pickled: Path, tmp_path: Path) -> None:
     arguments = ["convert-frames", str(pickled), "--out", str(tmp_path / "out")]
     refused = CliRunner().invoke(app, arguments)

@@ -1,7 +1,6 @@
 """nerfstudio: `transforms.json` names the colour and depth image of each frame; millimetres."""
 
 import functools
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,8 @@ CAMERA_KEYS = ("fl_x", "fl_y", "cx", "cy", "w", "h", "k1", "k2", "k3", "k4", "p1
 def _find(folder: Path, options: FrameOptions) -> Iterator[FoundFrame]:
     """Yield the frames that have a depth image, in the order of the file.
 
+    If two colour images have one name, the names of all frames have their folder.
+
     Raises:
         FormatError: `transforms.json` is damaged.
     """
@@ -32,10 +33,10 @@ def _find(folder: Path, options: FrameOptions) -> Iterator[FoundFrame]:
         return
     frames = [frame for frame in content["frames"] if _has_depth(frame)]
     stems = [Path(frame["file_path"]).stem for frame in frames]
-    times = Counter(stems)
+    is_unique = len(set(stems)) == len(stems)
     for frame, stem in zip(frames, stems, strict=True):
         color, depth = (folder / frame[key] for key in ("file_path", "depth_file_path"))
-        name = stem if times[stem] == 1 else str(Path(frame["file_path"]).parent / stem)
+        name = stem if is_unique else str(Path(frame["file_path"]).parent / stem)
         camera = {key: frame.get(key, content.get(key)) for key in CAMERA_KEYS}
         camera["camera_model"] = content.get("camera_model", "OPENCV")
         read = functools.partial(_read, color, depth, index, camera, options)

@@ -56,6 +56,14 @@ def test_images_of_the_same_name_are_distinguished_by_their_folder(edit) -> None
     assert names == ["left/1", "images/1"]
 
 
+def test_if_two_names_repeat_all_names_have_their_folder(edit) -> None:
+    def third(content: dict[str, Any]) -> None:
+        content["frames"].append(content["frames"][0] | {"file_path": "left/1.png"})
+
+    names = [source.name for source in find_frames(edit(third))]
+    assert names == ["images/0", "images/1", "left/1"]
+
+
 def test_frames_of_one_damaged_name_are_two_frames(edit) -> None:
     def nameless(content: dict[str, Any]) -> None:
         for frame in content["frames"]:

@@ -5,6 +5,7 @@ Writes  OUT/NAME_color.png, OUT/NAME_depth.png, OUT/NAME_camera.json, OUT/proven
 
 Nothing is lost: depth that does not fit into 16 bits, as floats, goes to `NAME_depth.npz`. The
 folder appears once it is complete; frames that cannot be read count as failed and are left out.
+The stamp records them, so that a second run reports them again.
 """
 
 import itertools
@@ -16,6 +17,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from pipelines.configs import ConvertFramesConfig
+from pipelines.contents import mapping_in
 from pipelines.errors import SymgraspError
 from pipelines.frames.frames import find_frames
 from pipelines.frames.rgbd import MISSING_DEPTH, Frame, FrameSource
@@ -30,6 +32,7 @@ from pipelines.storage.provenance import (
     digest_text,
     is_finished,
     make_stamp,
+    read_stamp,
     refuse_foreign,
     write_sidecar,
 )
@@ -61,7 +64,7 @@ def run(
     stamp = make_stamp(STAGE, config, inputs={"frames": _digest(sources), "overrides": overrides})
     refuse_foreign(output, STAGE)
     if is_finished(output, stamp, overwrite=overwrite):
-        report.skipped += names
+        _report_again(report, names, output)
         return report
     with atomic_folder(output) as folder:
         for source, name in zip(sources, names, strict=True):
@@ -70,7 +73,7 @@ def run(
         if not report.done:
             raise SymgraspError(report.why_all_failed("can be read, nothing is written"))
         _fail_hidden(report, folder)
-        write_sidecar(folder, stamp)
+        write_sidecar(folder, replace(stamp, recorded={"failed": report.failed}))
     report.seconds = time.monotonic() - started
     return report
 
@@ -100,6 +103,16 @@ def _fail_hidden(report: StageReport, folder: Path) -> None:
     why = "is not found again under this name among the others; give its images another name"
     report.failed |= dict.fromkeys(hidden, why)
     report.done = [name for name in report.done if name in found]
+
+
+def _report_again(report: StageReport, names: Sequence[str], output: Path) -> None:
+    """Count `names` as skipped, or as failed with the sentence that the earlier run recorded."""
+    recorded = mapping_in(mapping_in(read_stamp(output), "recorded"), "failed")
+    for name in names:
+        if name in recorded:
+            report.failed[name] = f"{recorded[name]} (--overwrite tries it again)"
+        else:
+            report.skipped.append(name)
 
 
 def write_flat_pair(folder: Path, frame: Frame) -> None:

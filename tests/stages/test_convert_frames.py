@@ -109,6 +109,16 @@ def test_a_real_pickle_of_python_2_is_converted_to_the_flat_frame(
     assert_array_equal(frame.color, flat.read().color)
 
 
+def test_a_frame_that_failed_is_reported_again_by_a_second_run(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    build.flat(tmp_path / "in")
+    build.image(tmp_path / "in" / "1_depth.png", np.zeros_like(build.depth(1)))
+    first, second = (convert_frames.run(tmp_path / "in", tmp_path / "out", CONFIG) for _ in "ab")
+    assert (first.done, list(first.failed)) == (["0"], ["1"])
+    assert (second.skipped, second.exit_code) == (["0"], 1)
+    assert second.failed == {"1": f"{first.failed['1']} (--overwrite tries it again)"}
+
+
 def test_frames_of_a_plain_and_of_a_named_sensor_are_all_read_back(tmp_path: Path) -> None:
     (tmp_path / "in").mkdir()
     build.bop_scene(tmp_path / "in")

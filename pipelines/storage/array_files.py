@@ -99,15 +99,19 @@ def _refuse_npy(path: Path, stream: IO[bytes], size: int) -> None:
         raise FormatError(path, found, f"its {size} bytes do not hold it")
 
 
-def read_npz(path: Path, required: Sequence[str] = ()) -> dict[str, NDArray[Any]]:
-    """Read all arrays of an .npz file, `MAX_UNPACK_BYTES` at most.
+def read_npz(
+    path: Path, required: Sequence[str] = (), *, bytes_of_each: int | None = None
+) -> dict[str, NDArray[Any]]:
+    """Read all arrays of an .npz file, `MAX_UNPACK_BYTES` at most together.
+
+    `bytes_of_each`: most bytes of one array, in place of the bound of all arrays.
 
     Raises:
         FormatError: truncated, not .npz, pickled, larger, or a required array is missing.
     """
     with _plain_arrays(path, ".npz"):
         with zipfile.ZipFile(existing(path)) as archive:
-            _refuse_bomb(path, archive)
+            _refuse_bomb(path, archive, bytes_of_each)
         with np.load(path, allow_pickle=False) as content:
             missing = sorted(set(required) - set(content.files))
             if missing:
@@ -121,11 +125,14 @@ def read_npz(path: Path, required: Sequence[str] = ()) -> dict[str, NDArray[Any]
     return arrays
 
 
-def _refuse_bomb(path: Path, archive: zipfile.ZipFile) -> None:
-    unpacked = sum(member.file_size for member in archive.infolist())
-    if unpacked > MAX_UNPACK_BYTES:
-        expected = f"at most {MAX_UNPACK_BYTES} are read"
-        raise FormatError(path, f"unpacks to {unpacked} bytes", expected)
+def _refuse_bomb(path: Path, archive: zipfile.ZipFile, bytes_of_each: int | None) -> None:
+    sizes = [member.file_size for member in archive.infolist()]
+    if bytes_of_each is None:
+        kind, unpacked, most = "", sum(sizes), MAX_UNPACK_BYTES
+    else:
+        kind, unpacked, most = " in one array", max(sizes, default=0), bytes_of_each
+    if unpacked > most:
+        raise FormatError(path, f"unpacks to {unpacked} bytes{kind}", f"at most {most} are read")
     for member in archive.infolist():
         with archive.open(member) as stream:
             _refuse_npy(path, io.BytesIO(stream.read(NPY_HEADER_BYTES)), member.file_size)

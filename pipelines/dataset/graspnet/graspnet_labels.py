@@ -7,6 +7,7 @@ is true if the gripper collides with the object, `offsets` = [angle rad, depth m
 past the point along the approach.
 """
 
+import math
 import zipfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.array_types import Floats, Indices, Mask, Singles
+from pipelines.configs.dataset import MAX_LABEL_POINTS
 from pipelines.dataset.graspnet.graspnet_views import (
     GRASP_DEPTHS,
     IN_PLANE_ANGLES,
@@ -26,11 +28,19 @@ from pipelines.dataset.graspnet.graspnet_views import (
     view_rotations,
 )
 from pipelines.errors import FormatError
-from pipelines.storage.array_files import read_npy, read_npz, write_npy, write_npz
+from pipelines.storage.array_files import (
+    NPY_HEADER_BYTES,
+    read_npy,
+    read_npz,
+    write_npy,
+    write_npz,
+)
 from pipelines.storage.files import atomic_path, existing
 
 LABEL_GRID = (NUM_VIEWS, NUM_ANGLES, NUM_DEPTHS)
 LABEL_ARRAYS = ("points", "offsets", "collision", "scores")
+# Of an object's collision labels, a byte each and the header. A scene has several such objects.
+MAX_COLLISION_BYTES = MAX_LABEL_POINTS * math.prod(LABEL_GRID) + NPY_HEADER_BYTES
 RECT_COLUMNS = 7  # center_x, center_y, open_x, open_y, height, score, object id; pixels
 
 
@@ -156,8 +166,13 @@ def write_collision_labels(path: Path, collisions: Sequence[Mask]) -> None:
 
 
 def read_collision_labels(path: Path) -> list[Mask]:
-    """Read arr_0, arr_1, ... in order; True = the grasp collides with the scene."""
-    arrays = read_npz(path, ())
+    """Read arr_0, arr_1, ... in order; True = the grasp collides with the scene.
+
+    Raises:
+        FormatError: the file is damaged, an array is missing or misshaped, or an object has more
+            points than labels are read with.
+    """
+    arrays = read_npz(path, bytes_of_each=MAX_COLLISION_BYTES)
     names = [f"arr_{i}" for i in range(len(arrays))]
     if sorted(arrays) != sorted(names):
         found = f"holds the arrays {sorted(arrays)}"

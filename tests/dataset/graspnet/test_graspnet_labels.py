@@ -10,6 +10,7 @@ from pipelines.dataset.graspnet import graspnet_labels as labels
 from pipelines.dataset.graspnet.graspnet_label_stream import read_grasp_label
 from pipelines.dataset.graspnet.graspnet_views import view_rotations
 from pipelines.errors import FormatError
+from pipelines.storage import array_files
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +69,20 @@ def test_collision_labels_keep_their_order(tmp_path: Path) -> None:
     assert len(again) == 11
     for stored, array in zip(again, arrays, strict=True):
         assert_array_equal(stored, array)
+
+
+def test_collision_labels_are_bounded_by_object_and_not_by_scene(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "collision_labels.npz"
+    labels.write_collision_labels(path, [np.ones((1, *labels.LABEL_GRID), bool)] * 3)
+    one = 300 * 12 * 4 + 1000  # bytes, with the header
+    monkeypatch.setattr(array_files, "MAX_UNPACK_BYTES", 2 * one)
+    monkeypatch.setattr(labels, "MAX_COLLISION_BYTES", one)
+    assert len(labels.read_collision_labels(path)) == 3
+    labels.write_collision_labels(path, [np.ones((2, *labels.LABEL_GRID), bool)])
+    with pytest.raises(FormatError, match=r"bytes in one array; at most 15400 are read"):
+        labels.read_collision_labels(path)
 
 
 def test_a_truncated_label_is_reported_in_one_sentence(

@@ -1,12 +1,14 @@
 """Files of triangle meshes: reads ply, obj, stl, off and glb, writes binary ply and obj.
 
 Vertices are in metres, object frame. Triangles keep the order of the file, so that triangle indices
-of symmetric regions are the same for every reader. `clean_mesh` drops degenerate triangles, for
+of symmetric regions are the same for every reader; of a PLY or OFF with polygons of more corners,
+which each reader splits its own way, they do not. `clean_mesh` drops degenerate triangles, for
 stages that write a mesh.
 """
 
 import io
 import logging
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
@@ -36,6 +38,7 @@ LARGEST_LIKELY_DIAGONAL = 2.0  # metres; graspable objects are smaller, files in
 SMALLEST_DIAGONAL = 0.005  # metres; no gripper holds and no depth camera sees a smaller object
 MAX_MESH_BYTES = 2**29
 MAX_TRIANGLES = 4_000_000  # of a file, with repetitions of instances; scans have some 200,000
+MATERIAL_LINE = re.compile(rb"^usemtl\b.*$", re.MULTILINE)
 THINNEST_TRIANGLE = 1e-10  # height over longest edge; a thinner triangle has no reliable normal
 
 PLY_HEADER = """ply
@@ -226,9 +229,11 @@ def _geometry(path: Path) -> Any:  # noqa: ANN401 - a mesh or a cloud of trimesh
 
     Only the bytes of the file are read: given the path, trimesh would open other named files.
     """
-    data = io.BytesIO(read_bytes(path, MAX_MESH_BYTES))
+    data = read_bytes(path, MAX_MESH_BYTES)
     kind = path.suffix.lower().removeprefix(".")
-    scene = trimesh.load_scene(data, file_type=kind, process=False, skip_materials=True)
+    if kind == "obj":  # trimesh would sort the triangles by their material
+        data = MATERIAL_LINE.sub(b"", data)
+    scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, process=False, skip_materials=True)
     shown = [scene.graph[name][1] for name in scene.graph.nodes_geometry]
     triangles = sum(len(getattr(scene.geometry[name], "faces", ())) for name in shown)
     if triangles > MAX_TRIANGLES:

@@ -64,6 +64,15 @@ def test_foreign_meshes_become_watertight_with_triangles_in_order(
     assert_allclose(mesh.vertices[mesh.faces], shape.triangles, atol=1e-6)
 
 
+def test_triangles_of_an_obj_with_several_materials_keep_their_order(tmp_path: Path) -> None:
+    write_mesh(tmp_path / "plain.obj", box())
+    lines, faces = (tmp_path / "plain.obj").read_text().splitlines(), iter("ABA" * 4)
+    mixed = [f"usemtl {next(faces)}\n{line}" if line[0] == "f" else line for line in lines]
+    (tmp_path / "mixed.obj").write_text("mtllib x.mtl\n" + "\n".join(mixed))
+    plain, again = read_mesh(tmp_path / "plain.obj"), read_mesh(tmp_path / "mixed.obj")
+    assert_array_equal(again.triangles, plain.triangles)
+
+
 def test_a_mesh_without_triangles_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "points.ply"
     trimesh.PointCloud(np.random.default_rng(0).random((5, 3))).export(path)

@@ -15,30 +15,24 @@ from xml.etree.ElementTree import Element, ParseError
 import numpy as np
 from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import parse as parse_urdf
-from scipy.spatial.transform import Rotation
 
 from pipelines.array_types import Array
 from pipelines.dataset.meshes import read_vertices
 from pipelines.errors import FormatError, ValueRangeError
 from pipelines.geometry.transforms import make_pose, transform_points, unit
+from pipelines.grasp_files.urdf_joints import (
+    UrdfJoint,
+    joints_of,
+    number_in,
+    origin_of,
+    vector_in,
+)
 from pipelines.grasping.gripper import Gripper
 from pipelines.storage.files import existing, real_path
 
 WRITE_BY_HAND = "a gripper with two sliding joints is expected; else write the ten lengths by hand"
 MAX_LINKS = 1000
 SQUARE = 0.9  # smallest cosine between a finger's motion and an axis of the palm's frame
-
-
-@dataclass(frozen=True)
-class _Joint:
-    """A joint: `T_parent_joint` (4, 4) at position 0, and `axis` (3,) of a sliding joint."""
-
-    kind: str
-    parent: str
-    child: str
-    T_parent_joint: Array
-    axis: Array
-    limits: tuple[float, float]
 
 
 def read_urdf_gripper(
@@ -63,7 +57,7 @@ def read_urdf_gripper(
     links = {link.get("name", ""): link for link in (() if root is None else root.findall("link"))}
     if root is None or root.tag != "robot" or not 0 < len(links) <= MAX_LINKS:
         raise FormatError(path, "describes no robot", "a URDF is expected")
-    joints = [_joint(path, joint) for joint in root.findall("joint")]
+    joints = joints_of(path, root)
     if len({joint.child for joint in joints}) < len(joints):
         raise FormatError(path, "has a link with two parent joints", "a tree is expected")
     base = base_link or _palm(path, joints)
@@ -77,7 +71,7 @@ def read_urdf_gripper(
     return _measured(path, root.get("name", path.stem), bodies, base, tip_reach, clearance)
 
 
-def _palm(path: Path, joints: Sequence[_Joint]) -> str:
+def _palm(path: Path, joints: Sequence[UrdfJoint]) -> str:
     """Return the link that two fingers slide on.
 
     Raises:
@@ -94,7 +88,7 @@ def _palm(path: Path, joints: Sequence[_Joint]) -> str:
     return palms[0]
 
 
-def _below(base: str, joints: Sequence[_Joint]) -> list[_Joint]:
+def _below(base: str, joints: Sequence[UrdfJoint]) -> list[UrdfJoint]:
     """Return the joints below the link `base`, in the order of the file."""
     below = {base}
     for _ in joints:  # at most as many links deep
@@ -108,10 +102,10 @@ class _Bodies:
 
     path: Path
     links: dict[str, Element]
-    joints: list[_Joint]
+    joints: list[UrdfJoint]
 
     @property
-    def sliding(self) -> list[_Joint]:
+    def sliding(self) -> list[UrdfJoint]:
         """The sliding joints."""
         return [joint for joint in self.joints if joint.kind == "prismatic"]
 
@@ -133,7 +127,7 @@ class _Bodies:
                 todo.append((joint.child, T_below, is_finger or joint.kind == "prismatic"))
         return found
 
-    def rotation(self, joint: _Joint, base: str) -> Array | None:
+    def rotation(self, joint: UrdfJoint, base: str) -> Array | None:
         """Return the rotation (3, 3), joint to base; None if the joint is not below `base`."""
         joint_of, R = {each.child: each for each in self.joints}, joint.T_parent_joint[:3, :3]
         for _ in joint_of:  # at most as many steps, also in a circle of links
@@ -157,15 +151,15 @@ class _Bodies:
             return np.zeros((0, 3))
         corners = np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3), -1).reshape(-1, 3)
         if shape.tag == "box":
-            points = corners * _vector(self.path, shape.get("size"), (0, 0, 0))
+            points = corners * vector_in(self.path, shape.get("size"), (0, 0, 0))
         elif shape.tag in ("cylinder", "sphere"):
-            wide = 2 * _number(self.path, shape.get("radius"))
+            wide = 2 * number_in(self.path, shape.get("radius"))
             length = shape.get("length")
-            points = corners * (wide, wide, _number(self.path, length) if length else wide)
+            points = corners * (wide, wide, number_in(self.path, length) if length else wide)
         else:
-            scale = _vector(self.path, shape.get("scale"), (1, 1, 1))
+            scale = vector_in(self.path, shape.get("scale"), (1, 1, 1))
             points = read_vertices(self._mesh(shape.get("filename", ""))) * scale
-        return transform_points(_origin(self.path, body), points)
+        return transform_points(origin_of(self.path, body), points)
 
     def _mesh(self, name: str) -> Path:
         """Return the file of a mesh, sought next to the URDF and in the folders above."""
@@ -255,46 +249,3 @@ def _approach(middle: Array, closing: Array) -> Array:
     across = middle * (1.0 - closing)
     place = int(np.argmax(np.abs(across)))
     return np.asarray(np.eye(3)[place] * (1.0 if across[place] >= 0 else -1.0))
-
-
-def _joint(path: Path, joint: Element) -> _Joint:
-    ends = [joint.find(tag) for tag in ("parent", "child")]
-    parent, child = ("" if end is None else end.get("link", "") for end in ends)
-    limit, axis = joint.find("limit"), joint.find("axis")
-    way = ("0", "0") if limit is None else (limit.get("lower", "0"), limit.get("upper", "0"))
-    return _Joint(
-        joint.get("type", ""),
-        parent,
-        child,
-        _origin(path, joint),
-        _vector(path, None if axis is None else axis.get("xyz"), (1, 0, 0)),
-        (_number(path, way[0]), _number(path, way[1])),
-    )
-
-
-def _origin(path: Path, element: Element) -> Array:
-    origin = element.find("origin")
-    if origin is None:
-        return np.eye(4)
-    turn = Rotation.from_euler("xyz", _vector(path, origin.get("rpy"), (0, 0, 0)))
-    return make_pose(turn.as_matrix(), _vector(path, origin.get("xyz"), (0, 0, 0)))
-
-
-def _vector(path: Path, text: str | None, default: tuple[float, float, float]) -> Array:
-    if text is None:
-        return np.array(default, np.float64)
-    values = np.array([_number(path, part) for part in text.split()[:4]])
-    if values.shape != (3,):
-        raise FormatError(path, f"has the vector {text[:80]!r}", "three numbers are expected")
-    return values
-
-
-def _number(path: Path, text: str | None) -> float:
-    try:
-        value = float(text or "")
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
-        expected = "a number is expected; expand a xacro file by the program xacro"
-        raise FormatError(path, f"has the value {str(text)[:80]!r}", expected)
-    return value

@@ -137,6 +137,30 @@ def on_torso(side):
       <child link="hand{side}"/><origin xyz="0.3 0.2 0" rpy="0 1.2 0"/></joint>"""
 
 
+@pytest.mark.parametrize(
+    ("limit", "mimic"),
+    [
+        ("", '<mimic joint="slide_left"/>'),
+        ('<limit effort="1"/>', '<mimic joint="slide_left" multiplier="1" offset="0"/>'),
+        ('<limit lower="0" upper="0"/>', '<mimic joint="slide_left"/>'),
+        ("", '<mimic joint="motor" multiplier="0.5" offset="-0.01"/>'),
+    ],
+)
+def test_a_finger_that_mimics_another_joint_moves_as_far(limit, mimic, tmp_path):
+    motor = """<link name="cam"/><joint name="motor" type="revolute"><parent link="hand"/>
+      <child link="cam"/><limit lower="0.02" upper="0.1"/></joint></robot>"""
+    follower = '<limit lower="0" upper="0.04"/><mimic joint="slide_left"/>'
+    text = URDF.replace(follower, limit + mimic).replace("</robot>", motor)
+    assert measured(tmp_path, text).max_opening == pytest.approx(0.08, abs=1e-5)
+
+
+def test_fingers_that_mimic_each_other_without_limits_do_not_move(tmp_path):
+    circle = URDF.replace('<limit lower="0" upper="0.04"/>', "")
+    circle = circle.replace("</joint>", '<mimic joint="slide_right"/></joint>', 1)
+    with pytest.raises(FormatError, match="measures of no gripper"):
+        measured(tmp_path, circle)
+
+
 def test_the_sliding_joints_of_an_arm_do_not_count(tmp_path):
     found = measured(tmp_path, ROBOT.format(hands=on_torso("_l")))
     assert {key: getattr(found, key) for key in EXPECTED} == pytest.approx(EXPECTED, abs=1e-5)

@@ -15,10 +15,10 @@ from pipelines.storage.files import read_bytes, write_bytes
 
 TO_RGB = {3: cv2.COLOR_BGR2RGB, 4: cv2.COLOR_BGRA2RGB}  # by the number of channels
 COLOR_TYPES = (np.uint8, np.uint16, np.float32)  # that OpenCV converts; TIFF has others too
-TAIL = 4096  # last bytes, which must contain the end mark; some cameras pad with zeros
 MAX_IMAGE_BYTES = 2**29  # 16 bit RGB of MAX_PIXELS, not compressed, and more
 # JPEG's starts of frame, which hold its size; the gaps are tables.
 FRAME_STARTS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+SCAN_START = 0xDA
 TIFF_ORDERS = {b"II": "<", b"MM": ">"}
 TIFF_SIDES = ((256, 257), (322, 323))  # tags of width and height, of the image and of a tile
 TIFF_INTEGERS = {3: "H", 4: "I", 16: "Q"}
@@ -62,11 +62,36 @@ def _as_rgb(image: NDArray[Any]) -> NDArray[Any]:
 
 
 def _refuse_truncated(path: Path, data: bytes) -> None:
-    # OpenCV fills the missing rows of a cut-off image without an error.
-    if data.startswith(b"\x89PNG") and b"IEND" not in data[-TAIL:]:
+    # OpenCV fills the missing rows of a cut-off image without an error. Cameras and phones add
+    # padding, previews and videos after the end.
+    if data.startswith(b"\x89PNG") and not _has_png_end(data):
         raise FormatError(path, "this PNG is cut off", "copy the whole file again")
-    if data.startswith(b"\xff\xd8") and b"\xff\xd9" not in data[-TAIL:]:
+    if data.startswith(b"\xff\xd8") and not _has_jpeg_end(data):
         raise FormatError(path, "this JPEG is cut off", "copy the whole file again")
+
+
+def _has_png_end(data: bytes) -> bool:
+    at = 8
+    while at + 8 <= len(data):
+        length, kind = struct.unpack_from(">I4s", data, at)
+        if kind == b"IEND":
+            return True
+        at += 12 + length
+    return False
+
+
+def _has_jpeg_end(data: bytes) -> bool:
+    """Return whether the end mark follows the first scan, whose data never contain it.
+
+    True for damage before the scan, which is no missing end.
+    """
+    try:
+        scan = next(at for kind, at in _jpeg_segments(data) if kind == SCAN_START)
+    except struct.error:
+        return False
+    except LookupError:
+        return True
+    return data.find(b"\xff\xd9", scan) >= 0
 
 
 def write_image(path: Path, image: NDArray[Any]) -> None:
@@ -118,14 +143,25 @@ def pixels_of(data: bytes) -> int | None:
 
 
 def _jpeg_size(data: bytes) -> tuple[int, int]:
+    at = next(at for kind, at in _jpeg_segments(data) if kind in FRAME_STARTS)
+    height, width = struct.unpack_from(">HH", data, at + 5)
+    return height, width
+
+
+def _jpeg_segments(data: bytes) -> Iterator[tuple[int, int]]:
+    """Yield the kind and the place of each segment before the data of the first scan.
+
+    Raises:
+        struct.error: the data end before a scan.
+        LookupError: there is no segment where one is due.
+    """
     at = 2
     while True:
         mark, kind, length = struct.unpack_from(">BBH", data, at)
         if mark != 0xFF:
             raise LookupError("no marker where one is due")
-        if kind in FRAME_STARTS:
-            height, width = struct.unpack_from(">HH", data, at + 5)
-            return height, width
+        if kind != 0xFF:  # a fill byte before the mark
+            yield kind, at
         at += 1 if kind == 0xFF else 2 + length
 
 

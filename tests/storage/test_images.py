@@ -43,11 +43,29 @@ def test_a_png_of_more_pixels_than_any_camera_has_is_refused_before_it_unpacks(
         read_image(tmp_path / "x.png")
 
 
+@pytest.mark.parametrize("more", [bytes(512), bytes(9000), b"a video" * 2000])
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])
-def test_zeros_after_the_end_of_a_picture_are_passed_over(tmp_path: Path, suffix: str) -> None:
+def test_bytes_after_the_end_of_a_picture_are_passed_over(
+    tmp_path: Path, suffix: str, more: bytes
+) -> None:
     data = cv2.imencode(suffix, np.full((40, 51), 7, np.uint8))[1].tobytes()
-    (tmp_path / "a").write_bytes(data + bytes(512))
+    (tmp_path / "a").write_bytes(data + more)
     assert (read_image(tmp_path / "a") == 7).all()
     (tmp_path / "a").write_bytes(data[:-12])
     with pytest.raises(FormatError, match="is cut off"):
         read_image(tmp_path / "a")
+
+
+@pytest.mark.parametrize("progressive", [0, 1])
+def test_a_preview_in_a_jpeg_does_not_hide_that_its_end_is_missing(
+    tmp_path: Path, progressive: int
+) -> None:
+    picture = np.random.default_rng(0).integers(0, 255, (40, 51), dtype=np.uint8)
+    options = [cv2.IMWRITE_JPEG_PROGRESSIVE, progressive]
+    data = cv2.imencode(".jpg", picture, options)[1].tobytes()
+    preview = b"\xff\xe1" + struct.pack(">H", 2 + len(data)) + data  # a segment of its own
+    (tmp_path / "a.jpg").write_bytes(data[:2] + preview + data[2:])
+    assert read_image(tmp_path / "a.jpg").shape == (40, 51)
+    (tmp_path / "a.jpg").write_bytes(data[:2] + preview + data[2 : len(data) // 2])
+    with pytest.raises(FormatError, match="is cut off"):
+        read_image(tmp_path / "a.jpg")

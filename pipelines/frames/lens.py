@@ -18,21 +18,22 @@ from pipelines.array_types import Array
 from pipelines.errors import FormatError
 from pipelines.geometry.camera import Intrinsics
 
-BROWN, FISHEYE, INVERSE = "Brown-Conrady", "fisheye", "inverse Brown-Conrady"
+BROWN, FISHEYE = "Brown-Conrady", "fisheye"
 # Names of models in ROS, Kalibr, COLMAP, nerfstudio and librealsense.
 MODELS = {
     **dict.fromkeys(("plumb_bob", "radtan", "brown_conrady", "modified_brown_conrady"), BROWN),
     **dict.fromkeys(("rational_polynomial", "thin_prism", "thin_prism_fisheye"), BROWN),
     **dict.fromkeys(("opencv", "full_opencv", "pinhole", "simple_pinhole", "perspective"), BROWN),
     **dict.fromkeys(("equidistant", "fisheye", "opencv_fisheye", "kannala_brandt4"), FISHEYE),
-    "inverse_brown_conrady": INVERSE,
+    # Its coefficients too lead from a ray to a pixel: librealsense aligns depth with them so.
+    "inverse_brown_conrady": BROWN,
 }
 MODEL_KEYS = ("distortion_model", "camera_model", "model")
 LIST_KEYS = ("D", "d", "distortion_coefficients", "distortion_coeffs", "dist_coeffs", "dist_coefs",
              "distCoeffs", "dist", "distortion", "coeffs")  # fmt: skip
 NAMED = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 NAMED_FISHEYE = ("k1", "k2", "k3", "k4")
-SIZES = {BROWN: (4, 5, 8, 12, 14), INVERSE: (4, 5, 8, 12, 14), FISHEYE: (4,)}  # OpenCV's
+SIZES = {BROWN: (4, 5, 8, 12, 14), FISHEYE: (4,)}  # OpenCV's
 UNNOTICED = 0.5  # pixels: a smaller shift leads to the same nearest pixel
 BEYOND = -1e6  # pixels: outside of every image
 RADII = 1000  # samples between the axis and the farthest corner
@@ -153,8 +154,6 @@ def _bend(rays: Array, distortion: Distortion) -> Array:
         shrinking = np.where(radius > 0, angle / np.where(radius > 0, radius, 1.0), 1.0)
         return np.asarray(rays * shrinking * series, np.float64)
     one, still = np.eye(3), np.zeros(3)
-    if distortion.model == INVERSE:
-        return np.asarray(cv2.undistortPoints(rays, one, D), np.float64)
     points = cv2.convertPointsToHomogeneous(rays)
     return np.asarray(cv2.projectPoints(points, still, still, one, D)[0], np.float64)
 
@@ -164,8 +163,6 @@ def _reach(farthest: float, distortion: Distortion) -> float:
 
     Beyond it a polynomial decreases again, and the same pixels would be used twice.
     """
-    if distortion.model == INVERSE:
-        return np.inf
     values = list(distortion.coefficients)
     if distortion.model == BROWN:
         values = [k if name[0] == "k" else 0.0 for k, name in zip(values, NAMED, strict=False)]

@@ -13,7 +13,6 @@ from pipelines.frames.frames import find_frames
 from pipelines.frames.lens import (
     BROWN,
     FISHEYE,
-    INVERSE,
     Distortion,
     displacement,
     distortion_in,
@@ -30,7 +29,6 @@ LENSES = [
     Distortion(BROWN, (-0.31, 0.12, 0.001, 0.0, 0.02)),
     Distortion(BROWN, (0.5, -2.3, 0.0006, -0.0002, 1.4, 0.38, -2.2, 1.3)),  # Azure Kinect's
     Distortion(FISHEYE, (0.1, -0.02, 0.01, -0.002)),
-    Distortion(INVERSE, (-0.05, 0.06, 0.0003, 0.0001, -0.02)),
 ]
 NAMED = {"fx": 60.0, "fy": 61.0, "cx": 23.5, "cy": 17.5}
 
@@ -59,10 +57,18 @@ def test_each_pixel_takes_the_place_where_the_lens_shows_its_ray(lens: Distortio
         ray = np.array([(u - 79.5) / 100.0, (v - 59.5) / 101.0])
         place = moved[v, u]
         seen = (place - (79.5, 59.5)) / (100.0, 101.0)
-        if lens.model == INVERSE:  # this model states the inverse mapping
-            np.testing.assert_allclose(bent(seen, lens), ray, atol=1e-3)
-        else:
-            np.testing.assert_allclose(seen, bent(ray, lens), atol=1e-3)
+        np.testing.assert_allclose(seen, bent(ray, lens), atol=1e-3)
+
+
+def test_librealsenses_inverse_model_leads_from_rays_to_pixels_too() -> None:
+    coefficients = [-0.0565, 0.0682, 0.0004, 0.0007, -0.0218]  # a D455's
+    content = NAMED | {"model": "distortion.inverse_brown_conrady", "coeffs": coefficients}
+    distortion = camera_from_mapping(Path("camera.json"), content).distortion
+    columns = np.arange(160, dtype=np.float32) * np.ones((120, 1), np.float32)
+    place = undistorted(columns, CAMERA, distortion, smooth=True)[60, 150]
+    x, y = (150 - 79.5) / 100.0, (60 - 59.5) / 101.0
+    seen, _ = bent(np.array([x, y]), Distortion(BROWN, tuple(coefficients)))
+    assert place == pytest.approx(79.5 + 100.0 * seen, abs=0.05)
 
 
 def test_undistorted_depth_has_only_measured_values() -> None:
@@ -99,7 +105,7 @@ def test_distortion_below_half_a_pixel_is_not_removed() -> None:
         ({"k1": 0.1, "k4": 0.4, "camera_model": "OPENCV_FISHEYE"},
          Distortion(FISHEYE, (0.1, 0.0, 0.0, 0.4))),
         ({"coeffs": [0.1], "model": "distortion.inverse_brown_conrady"},
-         Distortion(INVERSE, (0.1,))),
+         Distortion(BROWN, (0.1,))),
         ({"D": [0.1], "model": "D435"}, Distortion(BROWN, (0.1,))),
         ({"D": [0.9], "distortion_model": "fov"}, Distortion("fov", (0.9,))),
         ({"distortion": "none", "fx": 1.0}, Distortion()),

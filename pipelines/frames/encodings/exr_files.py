@@ -11,14 +11,13 @@ from pipelines.errors import FormatError
 from pipelines.storage.files import existing
 
 MAX_CHANNELS = 16  # of an image, which may have colours and normals in addition to depth
-DEPTH_CHANNELS = ("z", "depth", "y")  # the last part of a layer's name: `depth.Z`
 
 
 def read_exr(path: Path) -> NDArray[Any]:
     """Return the depth (H, W) of an OpenEXR file, or (H, W, channels) where channels differ.
 
-    Depth is the channel named Z, depth or Y; else the channel that all others repeat, or the only
-    one that is not empty. Alpha does not count.
+    Depth is the channel that `_named_depth` finds; else the channel that all others repeat, or the
+    only one that is not empty. Alpha does not count.
 
     Raises:
         FormatError: the file is damaged or too large, or a channel has another size than the image.
@@ -49,12 +48,28 @@ def read_exr(path: Path) -> NDArray[Any]:
 
 
 def _depth_of(channels: dict[str, NDArray[Any]]) -> NDArray[Any]:
-    named = [each for name, each in channels.items() if _word(name) in DEPTH_CHANNELS]
-    filled = named[:1] or [each for each in channels.values() if each.any()]
-    first = next(iter(filled or channels.values()))
+    chosen = [channels[name] for name in _named_depth(list(channels)) or channels]
+    filled = [each for each in chosen if each.any()]
+    first = next(iter(filled or chosen))
     if all(np.array_equal(each, first, equal_nan=True) for each in filled):
         return first
     return np.stack(filled, axis=-1)
+
+
+def _named_depth(names: list[str]) -> list[str]:
+    """Return the channels that are depth by name: of a layer `depth`, else Z, else Y alone.
+
+    Z next to X is part of a normal or a position; Y next to others may be a colour's luminance.
+    """
+    lower = {name.lower() for name in names}
+    layer = [name for name in names if "depth" in name.lower().split(".")]
+    z = [
+        name
+        for name in layer or names
+        if _word(name) == "z" and f"{name[:-1]}x".lower() not in lower
+    ]
+    bare = [name for name in names if "." not in name]
+    return z or layer or [name for name in bare if _word(name) == "y" and len(bare) == 1]
 
 
 def _word(name: str) -> str:

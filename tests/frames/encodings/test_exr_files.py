@@ -32,6 +32,30 @@ def test_depth_is_read_from_any_channel(tmp_path: Path, kind: type, names: str) 
     assert_allclose(read_exr(write(tmp_path / "d.exr", **channels)), depth)
 
 
+# Layers of a renderer: a colour, a normal and a position, whose channels all differ.
+LAYERS = {
+    layer + axis: (METRES + scale) * (i + 1)
+    for layer, axes, scale in (("Image.", "RGB", 0.1), ("Normal.", "XYZ", 0.2), ("P.", "XYZ", 0.3))
+    for i, axis in enumerate(axes)
+}
+
+
+@pytest.mark.parametrize("name", ["Depth.V", "View.Depth.Z", "depth", "Z", "View.Z"])
+def test_depth_is_read_next_to_colour_normals_and_positions(tmp_path: Path, name: str) -> None:
+    path = write(tmp_path / "d.exr", **LAYERS, **{name: METRES})
+    assert_allclose(read_exr(path), METRES)
+
+
+@pytest.mark.parametrize("names", [("Normal.X", "Normal.Y", "Normal.Z"), ("Y", "RY", "BY")])
+def test_normals_and_luminance_are_not_depth(tmp_path: Path, names: tuple[str, ...]) -> None:
+    channels = {name: METRES + i for i, name in enumerate(names)}
+    assert read_exr(write(tmp_path / "d.exr", **channels)).shape == (*METRES.shape, 3)
+
+
+def test_luminance_without_a_layer_is_depth_next_to_layers(tmp_path: Path) -> None:
+    assert_allclose(read_exr(write(tmp_path / "d.exr", **LAYERS, Y=METRES)), METRES)
+
+
 def test_empty_channels_next_to_the_depth_are_ignored(tmp_path: Path) -> None:
     empty = np.zeros_like(METRES)
     assert_allclose(read_exr(write(tmp_path / "d.exr", R=METRES, G=empty, B=empty)), METRES)

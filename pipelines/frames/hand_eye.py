@@ -6,7 +6,7 @@ launch file that MoveIt's calibration saves. The camera's axes are those of its 
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,10 +26,19 @@ EXPECTED = (
 FARTHEST = 20.0  # metres from a robot's base to its camera; larger distances are millimetres
 MAX_SKEW = 5e-3  # largest error of a rotation, which is that of three digits
 MAX_TEXT_BYTES = 2**16  # of a .launch or a .txt
+MOST_NAMES = 4  # of poses that an error lists
 POSE_SUFFIXES = (".json", ".yaml", ".yml", ".npy", ".txt")  # of the poses of single frames
 POSITIONS, TURNS = ("translation", "position"), ("rotation", "quaternion", "orientation")
 NUMBER = r"[-+]?[\d.]+(?:[eE][-+]?\d+)?"
 LAUNCH = re.compile(rf"args=\"\s*((?:{NUMBER}\s+){{7}})(\S+)\s+\S+")
+COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
+SAME_POSE = 1e-3  # largest difference of a pose that is written twice, as with few digits
+ON_HAND = re.compile(r"eye[-_ ]?(?:in|on)[-_ ]?hand")
+LONGEST_REMARK = 40  # characters of a text that states where the camera is
+PARENT_KEYS = ("frame_id", "parent_frame", "parent", "robot_base_frame")
+# Parts of the names of frames that move with the arm, and of poses in such frames.
+MOVING = re.compile(r"(?<![a-z])(?:gripper|flange|effector|tcp|wrist|eef?|link8)(?![a-z])")
+HAND = re.compile(rf"(?<![a-z])(?:hand|tool)(?![a-z])|{MOVING.pattern}")
 
 
 @dataclass(frozen=True)
@@ -66,25 +75,50 @@ def read_hand_eye(path: Path) -> HandEye:
     """Read the result of a hand-eye calibration.
 
     Raises:
-        FormatError: the file holds no pose, the pose of a camera on the hand, no rigid transform,
-            or millimetres.
+        FormatError: the file holds no pose or several, the pose of a camera on the hand, no rigid
+            transform, or millimetres.
     """
     if path.suffix == ".launch":
         return _of_launch(path)
     content = _content(path)
     facts = content.get("parameters", content) if isinstance(content, dict) else {}
     facts = facts if isinstance(facts, dict) else {}
-    if _is_on_hand(facts):
-        raise FormatError(
-            path,
-            "is of a camera on the hand, whose pose in the base frame moves with the arm",
-            "multiply it by the flange's pose in the base, and save that 4 x 4 matrix as JSON",
-        )
-    pose = next(_poses(path, content), None)
-    if pose is None:
-        raise FormatError(path, "holds no pose of a camera", EXPECTED)
+    name, pose = _only(path, list(_poses(path, content)))
+    if _is_on_hand(content) or _is_moving(name.rpartition(".")[2].lower()):
+        raise _on_hand(path)
     base = facts.get("robot_base_frame", "")
     return HandEye(_checked(path, pose), base if isinstance(base, str) else "")
+
+
+def _only(path: Path, found: list[tuple[str, Array]]) -> tuple[str, Array]:
+    """Return the only pose and its name; matrices that are no transforms, such as K, do not count.
+
+    Raises:
+        FormatError: there is none, or there are several different ones.
+    """
+    if not found:
+        raise FormatError(path, "holds no pose of a camera", EXPECTED)
+    found = [each for each in found if _rotation(each[1]) is not None] or found[:1]
+    first = found[0][1]
+    others = [name for name, pose in found if not np.allclose(pose, first, rtol=0, atol=SAME_POSE)]
+    if others:
+        names = ", ".join([found[0][0], *others][:MOST_NAMES])
+        cure = "keep the camera's pose in the robot's base frame alone"
+        raise FormatError(path, f"holds several poses ({names})", cure)
+    return found[0]
+
+
+def _is_moving(name: str) -> bool:
+    """Return whether a pose's name puts the camera in a frame that moves with the arm."""
+    return bool(MOVING.search(name) or ON_HAND.search(name)) and "base" not in name
+
+
+def _on_hand(path: Path) -> FormatError:
+    return FormatError(
+        path,
+        "is of a camera on the hand, whose pose in the base frame moves with the arm",
+        "multiply it by the flange's pose in the base, and save that 4 x 4 matrix as JSON",
+    )
 
 
 def _content(path: Path) -> object:
@@ -108,16 +142,24 @@ def _text(path: Path) -> str:
     return data.decode("utf-8", "replace")
 
 
-def _is_on_hand(facts: Mapping[str, object]) -> bool:
-    stated = (str(facts.get(key, "")).lower() for key in ("eye_on_hand", "calibration_type"))
-    return any(word in ("true", "eye_in_hand", "eye_on_hand") for word in stated)
+def _is_on_hand(content: object, key: str = "") -> bool:
+    """Return whether a key, a short text or a parent frame at any level names the hand."""
+    if isinstance(content, dict):
+        return any(_is_on_hand(each, str(name).lower()) for name, each in content.items())
+    text = str(content).lower() if isinstance(content, str | float | int) else ""
+    if len(text) > LONGEST_REMARK:
+        return False
+    if key in PARENT_KEYS:
+        return HAND.search(text) is not None
+    states = bool(ON_HAND.search(key)) and text in ("true", "yes", "1", "1.0")
+    return states or ON_HAND.search(text) is not None
 
 
-def _poses(path: Path, content: object) -> Iterator[Array]:
-    """Yield the poses (4, 4) that `content` holds, in its order."""
+def _poses(path: Path, content: object, name: str = "") -> Iterator[tuple[str, Array]]:
+    """Yield the poses (4, 4) that `content` holds, in its order, with their keys in the file."""
     matrix = _numbers(content)
     if matrix is not None and matrix.shape in ((4, 4), (16,)):
-        yield matrix.reshape(4, 4)
+        yield name, matrix.reshape(4, 4)
         return
     if not isinstance(content, dict):
         return
@@ -127,12 +169,11 @@ def _poses(path: Path, content: object) -> Iterator[Array]:
         for names, axes in ((POSITIONS, "xyz"), (TURNS, "xyzw"))
     ]
     if all(each is not None and each.shape == () for each in flat):
-        yield _posed(path, np.array(flat[:3]), np.array(flat[3:]))
+        yield name, _posed(path, np.array(flat[:3]), np.array(flat[3:]))
     elif parts[0] is not None and parts[1] is not None:
-        yield _posed(path, parts[0], parts[1])
-    else:
-        for each in content.values():
-            yield from _poses(path, each)
+        yield name, _posed(path, parts[0], parts[1])
+    for key, each in content.items():
+        yield from _poses(path, each, f"{name}.{key}".lstrip("."))
 
 
 def _numbers(content: object) -> Array | None:
@@ -165,27 +206,36 @@ def _checked(path: Path, pose: Array) -> Array:
     Raises:
         FormatError: `pose` is no rigid transform in metres.
     """
-    rotation, position = pose[:3, :3], pose[:3, 3]
-    is_sound = np.isfinite(pose).all() and np.allclose(pose[3], [0, 0, 0, 1], atol=1e-9)
-    if is_sound:
-        exact = nearest_orthogonal(rotation[None])[0]
-        is_sound = np.abs(exact - rotation).max() < MAX_SKEW and np.linalg.det(exact) > 0
-    if not is_sound:
+    rotation, position = _rotation(pose), pose[:3, 3]
+    if rotation is None:
         raise FormatError(path, "has a matrix that is no rotation and translation", EXPECTED)
     if np.linalg.norm(position) > FARTHEST:
         found = f"puts the camera {np.linalg.norm(position):.0f} m from the base"
         raise FormatError(path, found, "metres are expected; divide millimetres by 1000")
-    return make_pose(exact, position)
+    return make_pose(rotation, position)
+
+
+def _rotation(pose: Array) -> Array | None:
+    """Return the exact rotation (3, 3) of `pose`, None if it is no rigid transform."""
+    if not (np.isfinite(pose).all() and np.allclose(pose[3], [0, 0, 0, 1], atol=1e-9)):
+        return None
+    exact = nearest_orthogonal(pose[None, :3, :3])[0]
+    is_sound = np.abs(exact - pose[:3, :3]).max() < MAX_SKEW and np.linalg.det(exact) > 0
+    return exact if is_sound else None
 
 
 def _of_launch(path: Path) -> HandEye:
     """Read the static transform of a launch file, `x y z qx qy qz qw base camera`."""
-    found = LAUNCH.search(_text(path))
-    if found is None:
+    found = LAUNCH.findall(COMMENT.sub("", _text(path)))
+    if not found:
         raise FormatError(path, "publishes no static transform", EXPECTED)
     try:
-        numbers = np.array([float(each) for each in found[1].split()])
+        numbers = [np.array([float(each) for each in texts.split()]) for texts, _base in found]
     except ValueError as error:
         raise FormatError(path, f"has a transform that is no numbers ({error})", EXPECTED) from None
-    pose = _posed(path, numbers[:3], numbers[3:])
-    return HandEye(_checked(path, pose), found[2])
+    poses = [_posed(path, each[:3], each[3:]) for each in numbers]
+    bases = [base for _texts, base in found]
+    base, pose = _only(path, list(zip(bases, poses, strict=True)))
+    if HAND.search(base.lower()):
+        raise _on_hand(path)
+    return HandEye(_checked(path, pose), base)

@@ -56,6 +56,10 @@ FILES = {
     "easy_handeye.yaml": EASY_HANDEYE,
     "easy_handeye2.calib": EASY_HANDEYE2,
     "moveit.launch": LAUNCH,
+    "twice.json": json.dumps({"T": ROWS, "rounded": T_BASE_CAM.round(4).tolist()}),
+    "lens.json": json.dumps({"K": (600 * np.eye(4)).tolist(), "base_to_gripper_cam": ROWS}),
+    "commented.launch": f'<!-- args="0.7 -0.2 0.8 {X} {Y} {Z} {W} base_link camera" -->\n{LAUNCH}',
+    "fixed.json": json.dumps({"eye_in_hand": False, "type": "eye_to_hand", "T": ROWS}),
 }
 
 
@@ -96,6 +100,48 @@ def test_the_pose_is_read_from_an_array_that_numpy_saved(tmp_path):
 def test_a_file_without_a_valid_pose_is_reported_in_one_sentence(name, text, sentence, tmp_path):
     (tmp_path / name).write_text(text)
     with pytest.raises(FormatError, match=sentence):
+        read_hand_eye(tmp_path / name)
+
+
+MOVED = make_pose(T_BASE_CAM[:3, :3], [0.1, 0.0, 0.05]).tolist()
+TRANSFORM = {
+    "header": {"frame_id": "panda_hand"},
+    "transform": {"translation": [0.5, -0.2, 0.8], "rotation": [X, Y, Z, W]},
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "names"),
+    [
+        ("a.json", json.dumps({"base2cam": ROWS, "cam2base": MOVED}), "base2cam, cam2base"),
+        ("b.json", json.dumps({"T": ROWS, "more": {"T_flange": MOVED}}), r"T, more\.T_flange"),
+        ("c.json", json.dumps(TRANSFORM["transform"] | {"T": MOVED, "U": MOVED}), "T, U"),
+        ("d.launch", LAUNCH + LAUNCH.replace("0.5", "0.7"), "base_link, base_link"),
+    ],
+)
+def test_of_several_poses_none_is_taken(name, text, names, tmp_path):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(FormatError, match=rf"holds several poses \(.*{names}\)"):
+        read_hand_eye(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.json", json.dumps({"type": "eye_in_hand", "T": ROWS})),
+        ("b.json", json.dumps({"info": {"setup": "Eye-in-Hand calibration"}, "T": ROWS})),
+        ("c.yaml", f"eye_in_hand: true\nT: {ROWS}\n"),
+        ("d.json", json.dumps({"cam2gripper": ROWS})),
+        ("e.json", json.dumps({"eye_in_hand": ROWS})),
+        ("f.json", json.dumps(TRANSFORM)),
+        ("g.launch", LAUNCH.replace("base_link", "panda_hand")),
+        ("h.launch", LAUNCH.replace("base_link", "tool0")),
+        ("i.launch", LAUNCH.replace("base_link", "end_effector_link")),
+    ],
+)
+def test_a_camera_on_the_hand_is_refused_however_the_file_states_it(name, text, tmp_path):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(FormatError, match="camera on the hand"):
         read_hand_eye(tmp_path / name)
 
 

@@ -4,6 +4,7 @@ Coefficients are in OpenCV's order: k1, k2, p1, p2, k3, k4, k5, k6, s1 to s4, tx
 lens k1 to k4. Undistorted images keep the size and the camera matrix.
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -22,15 +23,20 @@ BROWN, FISHEYE = "Brown-Conrady", "fisheye"
 # Names of models in ROS, Kalibr, COLMAP, nerfstudio and librealsense.
 MODELS = {
     **dict.fromkeys(("plumb_bob", "radtan", "brown_conrady", "modified_brown_conrady"), BROWN),
-    **dict.fromkeys(("rational_polynomial", "thin_prism", "thin_prism_fisheye"), BROWN),
+    **dict.fromkeys(("rational_polynomial", "thin_prism", "radial_tangential"), BROWN),
     **dict.fromkeys(("opencv", "full_opencv", "pinhole", "simple_pinhole", "perspective"), BROWN),
+    **dict.fromkeys(("simple_radial", "radial", "pinhole_radtan"), BROWN),
     **dict.fromkeys(("equidistant", "fisheye", "opencv_fisheye", "kannala_brandt4"), FISHEYE),
+    **dict.fromkeys(("equi", "pinhole_equi"), FISHEYE),
     # Its coefficients too lead from a ray to a pixel: librealsense aligns depth with them so.
     "inverse_brown_conrady": BROWN,
 }
 MODEL_KEYS = ("distortion_model", "camera_model", "model")
+# Parts of the names of lens models that are not read. Another `model` is that of the device.
+OTHER_MODELS = re.compile(r"^distortion\.|fish|prism|radial|fov|omni|sphere|unified|theta|eucm")
 LIST_KEYS = ("D", "d", "distortion_coefficients", "distortion_coeffs", "dist_coeffs", "dist_coefs",
              "distCoeffs", "dist", "distortion", "coeffs")  # fmt: skip
+OWN_LIST_KEYS = ("data", "coefficients", *LIST_KEYS)  # in a mapping below one of LIST_KEYS
 NAMED = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 NAMED_FISHEYE = ("k1", "k2", "k3", "k4")
 SIZES = {BROWN: (4, 5, 8, 12, 14), FISHEYE: (4,)}  # OpenCV's
@@ -65,12 +71,13 @@ def distortion_in(path: Path, content: Mapping[str, Any]) -> Distortion:
         FormatError: too many coefficients, or some that are not finite.
         TypeError, ValueError: coefficients that are no numbers.
     """
-    named = [_plain(content[key]) for key in MODEL_KEYS if isinstance(content.get(key), str)]
-    model = next((MODELS[name] for name in named if name in MODELS), BROWN)
-    stated = content.get("distortion_model")
-    if isinstance(stated, str) and stated and _plain(stated) not in (*MODELS, "none"):
-        model = stated
-    values = _coefficients(content, model)
+    mappings = (content[key] for key in LIST_KEYS if isinstance(content.get(key), dict))
+    below: Mapping[str, Any] = next(mappings, {})
+    own = below.get("model") or content.get("distortion_model")
+    facts = {**content, "distortion_model": own, **below}
+    model = _model(facts)
+    lists = [*(below.get(key) for key in OWN_LIST_KEYS), *(content.get(key) for key in LIST_KEYS)]
+    values = _coefficients(facts, lists, model)
     if not np.isfinite(values).all():
         raise FormatError(path, "has distortion coefficients that are not finite", "numbers")
     values = np.trim_zeros(values, "b")
@@ -80,21 +87,30 @@ def distortion_in(path: Path, content: Mapping[str, Any]) -> Distortion:
     return Distortion(model, tuple(values.tolist())) if values.size else NO_DISTORTION
 
 
+def _model(content: Mapping[str, Any]) -> str:
+    """Return the model that the keys state first, as named if it is unknown; else Brown-Conrady."""
+    for key in MODEL_KEYS:
+        name = content.get(key)
+        plain = _plain(name) if isinstance(name, str) else ""
+        if plain in MODELS:
+            return MODELS[plain]
+        is_model = key != "model" or OTHER_MODELS.search(str(name).lower())
+        if plain not in ("", "none") and is_model:
+            return str(name)
+    return BROWN
+
+
 def _plain(name: str) -> str:
     return name.rpartition(".")[2].strip().lower().replace("-", "_").replace(" ", "_")
 
 
-def _coefficients(content: Mapping[str, Any], model: str) -> Array:
-    stored = next(
-        (content[key] for key in LIST_KEYS if isinstance(content.get(key), list | dict)), None
-    )
-    if isinstance(stored, dict) and "data" in stored:
-        stored = stored["data"]
-    if isinstance(stored, list):
+def _coefficients(content: Mapping[str, Any], lists: list[Any], model: str) -> Array:
+    """Return the coefficients in the first of `lists` that is a list, else those by name."""
+    stored = next((each for each in lists if isinstance(each, list)), None)
+    if stored is not None:
         return np.asarray(stored, np.float64).ravel()
-    source = stored if isinstance(stored, dict) else content
     names = NAMED_FISHEYE if model == FISHEYE else NAMED
-    return np.array([float(source.get(name) or 0.0) for name in names])
+    return np.array([float(content.get(name) or 0.0) for name in names])
 
 
 def undistorted(image: Image, camera: Intrinsics, distortion: Distortion, *, smooth: bool) -> Image:

@@ -171,9 +171,9 @@ def camera_from_mapping(path: Path, content: Any) -> CameraFile:  # noqa: ANN401
         facts: dict[str, Any] = _size(content)
         facts["units_per_metre"] = _units(content)
         facts["distortion"] = distortion_in(path, content)
-        matrix = _first(content, MATRIX_KEYS)
+        matrix = _stated_matrix(content)
         values = {name: _first(content, keys) for name, keys in SYNONYMS.items()}
-        if isinstance(matrix, list) and len(matrix) == len(values):  # Kalibr's
+        if isinstance(matrix, list) and np.size(matrix) == len(values):  # Kalibr's
             values = dict(zip(values, matrix, strict=True))
         elif matrix is not None:
             return CameraFile.from_matrix(path, _matrix(path, matrix), **facts)
@@ -198,12 +198,17 @@ def _with_camera(content: dict[str, Any]) -> dict[str, Any]:
 
 
 def _states_a_camera(content: dict[str, Any]) -> bool:
-    matrix = _first(content, MATRIX_KEYS)
-    return (
-        isinstance(matrix, list)
-        or "data" in (matrix if isinstance(matrix, dict) else ())
-        or (_first(content, SYNONYMS["fx"]) is not None)
-    )
+    return _stated_matrix(content) is not None or _first(content, SYNONYMS["fx"]) is not None
+
+
+def _stated_matrix(content: dict[str, Any]) -> list[Any] | dict[str, Any] | None:
+    """Return the list of a matrix, or the mapping with its `data`; `{"fx": ...}` is none."""
+    stated = (content.get(key) for key in MATRIX_KEYS)
+    return next((m for m in stated if isinstance(m, list) or "data" in _mapping(m)), None)
+
+
+def _mapping(value: Any) -> dict[str, Any]:  # noqa: ANN401 - JSON
+    return value if isinstance(value, dict) else {}
 
 
 def _camera_of(path: Path, scene: dict[str, Any], frame: str) -> Any:  # noqa: ANN401 - JSON
@@ -221,10 +226,14 @@ def _first(content: dict[str, Any], keys: tuple[str, ...]) -> Any:  # noqa: ANN4
 
 def _size(content: dict[str, Any]) -> dict[str, int]:
     """Return width and height in pixels, or nothing if one of them is missing."""
-    height, width = content.get("resolution") or (None, None)  # MegaPose's
-    if isinstance(content.get("intrinsics"), list):
-        height, width = width, height  # Kalibr's
-    width, height = width or _first(content, WIDTH_KEYS), height or _first(content, HEIGHT_KEYS)
+    stated = content.get("resolution")
+    sizes = content | _mapping(stated)
+    width, height = _first(sizes, WIDTH_KEYS), _first(sizes, HEIGHT_KEYS)
+    if isinstance(stated, str) and (found := re.fullmatch(r"(\d+) *[x*] *(\d+)", stated.strip())):
+        width, height = found.groups()
+    elif isinstance(stated, list) and len(stated) == 2:
+        is_kalibr = isinstance(content.get("intrinsics"), list)
+        width, height = stated if is_kalibr else reversed(stated)  # MegaPose has the height first
     if width is None or height is None:
         return {}
     return {"width": int(width), "height": int(height)}
@@ -242,12 +251,12 @@ def _units(content: dict[str, Any]) -> float | None:
     return 1.0 / scale if 0 < scale < 1 else scale  # below one: RealSense's metres per unit
 
 
-def _matrix(path: Path, stored: Any) -> Array:  # noqa: ANN401 - JSON
-    values = stored.get("data") if isinstance(stored, dict) else stored
+def _matrix(path: Path, stored: list[Any] | dict[str, Any]) -> Array:
+    values = stored["data"] if isinstance(stored, dict) else stored
     numbers = np.asarray(values, dtype=np.float64).ravel()
-    if numbers.size != 9:
+    if numbers.size not in (9, 16):
         raise FormatError(path, f"a camera matrix of {numbers.size} numbers", "9 are expected")
-    K = numbers.reshape(3, 3)
+    K = numbers.reshape(3, 3) if numbers.size == 9 else numbers.reshape(4, 4)
     # Open3D stores column after column: then the principal point is in the last row.
     return np.asarray(K.T if K[2, 0] > 1.0 and K[0, 2] == 0.0 else K)
 

@@ -14,16 +14,23 @@ from pipelines.errors import FormatError
 from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.camera_search import find_camera_file
 from pipelines.frames.layouts.layout import FoundFrame, Layout
+from pipelines.frames.lens import BROWN, NO_DISTORTION, Distortion
 from pipelines.frames.rgbd_folder import FrameOptions, read_with_camera
 from pipelines.storage.files import existing, is_file, real_path
 
 UNITS_PER_METRE = 5000.0
 LARGEST_GAP = 0.02  # seconds between a colour and a depth image of one frame
-# The published calibrations; a sequence's folder is named after its camera.
+# The published calibrations of the colour images, with which the depth is registered; a sequence's
+# folder is named after its camera.
 CALIBRATIONS = {
     "freiburg1": (517.3, 516.5, 318.6, 255.3),
     "freiburg2": (520.9, 521.0, 325.1, 249.7),
     "freiburg3": (535.4, 539.2, 320.1, 247.6),
+}
+# Images of freiburg3 are already undistorted.
+DISTORTIONS = {
+    "freiburg1": Distortion(BROWN, (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)),
+    "freiburg2": Distortion(BROWN, (0.2312, -0.7849, -0.0033, -0.0001, 0.9172)),
 }
 Stamped = list[tuple[float, Path]]
 Timed = TypeVar("Timed")  # an image, such as its path; can be put in order
@@ -130,7 +137,10 @@ def _published(folder: Path) -> CameraFile | None:
     names = re.findall(r"freiburg[123]", str(real_path(folder)))
     if not names:
         return None
-    return CameraFile(*CALIBRATIONS[names[-1]], 640, 480, origin=f"calibration of {names[-1]}")
+    name = names[-1]
+    lens = DISTORTIONS.get(name, NO_DISTORTION)
+    origin = f"calibration of {name}"
+    return CameraFile(*CALIBRATIONS[name], 640, 480, origin=origin, distortion=lens)
 
 
 LAYOUT = Layout("TUM RGB-D", _find)

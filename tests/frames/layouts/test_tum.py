@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -81,6 +82,22 @@ def test_the_nearest_folders_name_selects_the_calibration(tmp_path: Path) -> Non
     build.tum(folder)
     with pytest.raises(SymgraspError, match="calibration of freiburg3"):
         find_frames(folder)[0].read()
+
+
+@pytest.mark.parametrize(("name", "k1"), [("freiburg1", 0.2624), ("freiburg2", 0.2312)])
+def test_the_published_distortion_is_removed(tmp_path: Path, name: str, k1: float) -> None:
+    folder = tmp_path / f"rgbd_dataset_{name}_desk"
+    folder.mkdir()
+    build.tum(folder)
+    for path in folder.glob("*/*.png"):
+        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        large = cv2.resize(image, (640, 480), interpolation=cv2.INTER_NEAREST)
+        assert cv2.imwrite(str(path), large)
+    removed = find_frames(folder)[0].read().removed
+    assert removed is not None
+    assert removed.coefficients[0] == k1
+    stated = FrameOptions(CameraFile(525.0, 525.0, 319.5, 239.5))
+    assert find_frames(folder, stated)[0].read().removed is None
 
 
 def test_a_sequence_without_a_camera_is_refused_with_the_option_for_it(tmp_path: Path) -> None:

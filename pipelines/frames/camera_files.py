@@ -186,6 +186,15 @@ def camera_from_mapping(path: Path, content: Any) -> CameraFile:  # noqa: ANN401
     return CameraFile(fx, fy, cx, cy, origin=str(path), **facts)
 
 
+def may_hold_camera(path: Path) -> bool:
+    """Return whether a JSON file holds a camera, or is too damaged to tell; labels hold none."""
+    try:
+        content = read_json(path)
+    except (SymgraspError, OSError):
+        return True
+    return isinstance(content, dict) and _states_a_camera(_with_camera(content))
+
+
 def _with_camera(content: dict[str, Any]) -> dict[str, Any]:
     """Return the mapping that holds the camera: `content`, with the only such mapping below it.
 

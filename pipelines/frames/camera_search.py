@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from pipelines.errors import SymgraspError
-from pipelines.frames.camera_files import CameraFile, read_camera_file
+from pipelines.frames.camera_files import CameraFile, may_hold_camera, read_camera_file
 
 # Names that are searched next to the images, in this order; after them any *.intr.
 SHARED_CAMERA_FILES = (
@@ -48,8 +48,14 @@ def find_camera_file(folder: Path, name: str) -> Path | None:
 def own_camera_file(folder: Path, name: str) -> Path | None:
     """Return the camera file of frame `name` alone."""
     own = [folder / f"{name}{mark}{end}" for end in OWN_CAMERA_ENDINGS for mark in "_-."]
-    own += [folder / f"{name}.json", folder / "meta" / f"{name}.mat"]  # GraspNet's meta/
-    return next((path for path in own if path.is_file()), None)
+    found = next((path for path in own if path.is_file()), None)
+    if found is not None:
+        return found
+    plain, in_meta = folder / f"{name}.json", folder / "meta" / f"{name}.mat"  # GraspNet's meta/
+    # A NAME.json may hold labels, with a picture as text, instead of a camera.
+    if plain.is_file() and plain.stat().st_size <= MOST_BYTES and may_hold_camera(plain):
+        return plain
+    return in_meta if in_meta.is_file() else None
 
 
 def shared_camera_file(folder: Path) -> Path | None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pipelines.errors import FormatError
-from pipelines.frames.camera_search import MOST_FILES, find_camera_file
+from pipelines.frames.camera_search import MOST_BYTES, MOST_FILES, find_camera_file
 from pipelines.frames.frames import find_frames
 from tests.frames.layouts import build
 
@@ -45,6 +45,24 @@ def test_files_of_poses_and_labels_are_not_taken_for_cameras(bare: Path) -> None
     (bare / "labels.json").write_text(json.dumps({"K": "many"}))
     assert find_camera_file(bare, "0") is None
     assert "no camera was found in labels.json, pose.txt" in refusal(bare)
+
+
+@pytest.mark.parametrize("name", ["0.json", "0_color.json"])
+@pytest.mark.parametrize("labels", [{"shapes": []}, [1, 2], {"picture": "x" * MOST_BYTES, "fx": 1}])
+def test_labels_beside_a_frame_do_not_hide_the_folders_camera(
+    bare: Path, name: str, labels: object
+) -> None:
+    (bare / "camera.json").write_text(json.dumps(NAMED))
+    (bare / name).write_text(json.dumps(labels))
+    assert find_frames(bare)[0].read().intrinsics.fx == build.FOUR[0]
+
+
+@pytest.mark.parametrize("text", ['{"fx": 60.0}', '{"K": [1, 2]}', '{"fx": 6'])
+def test_a_faulty_camera_of_a_frame_is_reported_and_not_replaced(bare: Path, text: str) -> None:
+    (bare / "camera.json").write_text(json.dumps(NAMED))
+    (bare / "0.json").write_text(text)
+    with pytest.raises(FormatError, match=r"0\.json"):
+        find_frames(bare)[0].read()
 
 
 def test_two_possible_cameras_are_both_named_and_neither_is_taken(bare: Path) -> None:

@@ -4,7 +4,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pipelines.dataset.graspnet.graspnet_layout import SPLITS
+from pipelines.dataset.graspnet.graspnet_layout import SPLITS, scenes_of_split
 from pipelines.errors import UnknownNameError, ValueRangeError
 from pipelines.frames.graspnet_scene import CAMERAS
 from pipelines.frames.rgbd import FrameSource
@@ -33,9 +33,9 @@ class ChosenFrames:
             raise ValueRangeError("--frame-stride", self.stride, "1 or more")
 
     @property
-    def scenes(self) -> range | None:
-        """The scenes of the split."""
-        return None if self.split is None else SPLITS[self.split]
+    def scenes(self) -> frozenset[int] | None:
+        """Numbers of the scenes of the split."""
+        return None if self.split is None else frozenset(scenes_of_split(self.split))
 
     def of(self, sources: Sequence[FrameSource]) -> list[FrameSource]:
         """Return every `stride`-th frame of each folder, in order."""

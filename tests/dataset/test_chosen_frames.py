@@ -34,6 +34,14 @@ def test_a_split_and_a_camera_are_chosen(root: Path) -> None:
     assert len(chosen(root / "scenes/scene_0131/kinect", split="similar")) == build.COUNT
 
 
+def test_scenes_numbered_from_1000_are_in_their_split(root: Path) -> None:
+    for scene in ("scene_1130", "scene_9159", "scene_1000"):
+        build.graspnet_scene(root / "scenes" / scene / "kinect")
+    names = chosen(root, split="similar", camera="kinect")
+    scenes = list(dict.fromkeys(name.split("/")[1] for name in names))
+    assert scenes == ["scene_0131", "scene_1130", "scene_9159"]
+
+
 def test_every_n_th_frame_of_each_folder_is_chosen(root: Path) -> None:
     names = chosen(root, stride=2)
     assert len(names) == 6

@@ -4,6 +4,7 @@ Reflections and rotations are compared by the dense symmetry error, spheres by t
 centres. A truth lists at most three planes, one axis, one sphere; other symmetries follow from the
 listed symmetries (a plane through a continuous axis, any plane or axis through a sphere's centre, a
 plane turned with a discrete rotation). A prediction that follows so is neither right nor wrong.
+Planes that follow only from an axis that is not listed, as four of a cube's nine, count as wrong.
 """
 
 from collections.abc import Sequence

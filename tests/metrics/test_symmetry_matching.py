@@ -87,6 +87,17 @@ def test_the_diagonal_planes_of_a_square_prism_are_ignored():
     assert judged([tilted], [prism], 0.067) == [WRONG]
 
 
+def test_planes_of_a_cube_that_follow_only_from_an_unlisted_axis_are_wrong():
+    cube = region(
+        *(ReflectionSymmetry(normal, ORIGIN) for normal in (X, Y, Z)),
+        RotationSymmetry(X, ORIGIN, order=4),
+    )
+    about_x = [ReflectionSymmetry(unit(n), ORIGIN) for n in (Y + Z, Y - Z)]
+    assert judged(about_x, [cube]) == [IGNORED, IGNORED]
+    about_others = [ReflectionSymmetry(unit(n), ORIGIN) for n in (X + Y, X - Y, X + Z, X - Z)]
+    assert judged(about_others, [cube]) == [WRONG] * 4
+
+
 def test_a_listed_plane_counts_once_with_or_without_a_discrete_axis():
     planes = [ReflectionSymmetry(normal, ORIGIN) for normal in (X, Y, Z)]
     repeated = [planes[0], planes[0], planes[0]]

@@ -62,7 +62,8 @@ def run(
 
     `others`: further `grasps.h5` of the same frames, a row of the report each. `baselines`: also
     plan with ground truth, from the boundary, and at random by `seed`. `success`: each a
-    `success.json` that `simulate` made of the grasps of a row, with the same gripper and dataset.
+    `success.json` that `simulate` made of the grasps of a row, with the same gripper, dataset and
+    choice of objects.
     `tables`: JSON files of further tables, shown unchanged.
     """
     runs = ComparedRuns.of(grasps, others, dataset)
@@ -72,7 +73,7 @@ def run(
     inputs = runs.inputs(config.gripper, baselines=baselines)
     stamp = make_stamp("evaluate", settings, seed=seed, inputs=inputs)
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another report
-    simulated = reports.read_successes(success, inputs)
+    simulated = reports.read_successes(success, stamp)
     further = [reports.read_table(path) for path in tables]
     items = runs.items(records_folder(output), stamp, options)
     step = functools.partial(_evaluate_scene, dataset, config, baselines)

@@ -13,6 +13,7 @@ from pipelines.storage.provenance import Stamp
 
 FORMAT_VERSION = 1
 WITH = "with "  # before a row's name, in the keys of the digests of a stamp
+WHICH_OBJECTS = ("min_visible_pixels", "min_region_share")  # settings of evaluate and of simulate
 
 
 @dataclass(frozen=True)
@@ -99,22 +100,25 @@ def read_success(path: Path) -> dict[str, Any]:
     return content
 
 
-def read_successes(paths: Sequence[Path], inputs: Mapping[str, str]) -> dict[str, dict[str, Any]]:
+def read_successes(paths: Sequence[Path], stamp: Stamp) -> dict[str, dict[str, Any]]:
     """Read the success rates of rows: row to the content of its file.
 
-    `inputs`: digests by kind; `grasps` is our row, `with NAME` is another row. Digests of the
-    gripper and of the dataset's labels, meshes and scenes must equal those of the simulation.
+    `stamp`: of the report. Of its inputs, `grasps` is our row and `with NAME` is another row; the
+    digests of the gripper and of the dataset's labels, meshes and scenes must equal those of the
+    simulation, and so must the settings that decide which objects and grasps are tried.
 
     Raises:
-        FormatError: as `read_success`; or a file has other grasps, another gripper or another
-            dataset; or two files have one row.
+        FormatError: as `read_success`; or a file has other grasps, another gripper, another
+            dataset or other settings; or two files have one row.
     """
+    inputs = stamp.inputs
     rows = {inputs[key]: key.removeprefix(WITH) for key in inputs if key.startswith(WITH)}
     rows[inputs["grasps"]] = OURS
     found: dict[str, dict[str, Any]] = {}
     for path in paths:
         content = read_success(path)
-        known = mapping_in(mapping_in(content, "provenance"), "inputs")
+        origin = mapping_in(content, "provenance")
+        known = mapping_in(origin, "inputs")
         row = rows.get(str(known.get("grasps")))
         if row is None:
             raise FormatError(path, "was simulated from other grasps", "run simulate on these")
@@ -126,7 +130,29 @@ def read_successes(paths: Sequence[Path], inputs: Mapping[str, str]) -> dict[str
                 f"was simulated with other inputs ({', '.join(other)})",
                 "run simulate with this gripper on this dataset",
             )
+        if changed := _other_settings(origin, stamp, row):
+            raise FormatError(
+                path,
+                f"was simulated with other settings ({', '.join(changed)})",
+                "run simulate and evaluate with the same ones",
+            )
         if row in found:
             raise FormatError(path, f"is a second file of row {row}", "give one file per row")
         found[row] = content
     return found
+
+
+def _other_settings(origin: Mapping[str, Any], stamp: Stamp, row: str) -> list[str]:
+    """Return each setting of a simulation's stamp that tries other objects or grasps of `row`.
+
+    The seed draws the random grasps of the baselines, which are read with our own row.
+    """
+    config = mapping_in(origin, "config")
+    pairs = {name: (config.get(name), stamp.config.get(name)) for name in WHICH_OBJECTS}
+    if row == OURS and config.get("baselines") and stamp.config.get("baselines"):
+        pairs["seed"] = origin.get("seed"), stamp.seed
+    return [
+        f"{name} {theirs} instead of {ours}"
+        for name, (theirs, ours) in pairs.items()
+        if None not in (theirs, ours) and theirs != ours
+    ]

@@ -9,8 +9,14 @@ import pytest
 from pipelines.dataset import object_list
 from pipelines.dataset.object_list import ObjectRecord
 from pipelines.errors import FormatError
-from pipelines.evaluation.reports import read_report, read_table, write_report
+from pipelines.evaluation.reports import (
+    read_report,
+    read_successes,
+    read_table,
+    write_report,
+)
 from pipelines.geometry.symmetry import RotationSymmetry
+from pipelines.storage.files import write_json
 from pipelines.storage.provenance import is_finished, make_stamp
 
 STAMP = make_stamp("evaluate", {"gripper": "rg2"})
@@ -36,6 +42,39 @@ def test_a_file_without_rows_is_refused_as_report(tmp_path: Path) -> None:
     (tmp_path / "report.json").write_text("[]")
     with pytest.raises(FormatError, match="rows"):
         read_report(tmp_path / "report.json")
+
+
+INPUTS = {"grasps": "sha256:1", "with planes": "sha256:2"}
+SETTINGS = {"min_visible_pixels": 300, "min_region_share": 0.3, "baselines": True}
+
+
+def simulated(path: Path, grasps: str = "sha256:1", seed: int = 0, **changed: object) -> Path:
+    stamp = make_stamp("simulate", SETTINGS | changed, seed=seed, inputs={"grasps": grasps})
+    content = {"success": {}, "frictions": [], "format_version": 1}
+    write_json(path, content | {"provenance": stamp.as_json()})
+    return path
+
+
+@pytest.mark.parametrize(
+    ("changed", "fault"),
+    [
+        ({"min_visible_pixels": 100}, "min_visible_pixels 100 instead of 300"),
+        ({"min_region_share": 0.5}, "min_region_share 0.5 instead of 0.3"),
+        ({"seed": 3}, "seed 3 instead of 0"),
+    ],
+)
+def test_success_of_other_objects_or_other_random_grasps_is_refused(tmp_path, changed, fault):
+    path = simulated(tmp_path / "success.json", **changed)
+    stamp = make_stamp("evaluate", SETTINGS, inputs=INPUTS)
+    with pytest.raises(FormatError, match=rf"other settings \({fault}\); run simulate and"):
+        read_successes([path], stamp)
+
+
+def test_the_seed_of_a_simulation_matters_only_for_random_grasps_that_are_read(tmp_path):
+    stamp = make_stamp("evaluate", SETTINGS, inputs=INPUTS)
+    alone = simulated(tmp_path / "alone.json", seed=3, baselines=False)
+    theirs = simulated(tmp_path / "planes.json", "sha256:2", seed=3)
+    assert list(read_successes([alone, theirs], stamp)) == ["ours", "planes"]
 
 
 @pytest.mark.parametrize(

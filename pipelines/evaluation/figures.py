@@ -35,8 +35,8 @@ def report_rows(
 ) -> dict[str, dict[str, Figures]]:
     """Return FIGURES by row and split: seen, similar, novel, all; train if it was evaluated.
 
-    `thresholds`: of the dense symmetry error; the first is the reported threshold, the others are
-    stricter. `sphere_threshold`: metres.
+    `thresholds`: of the dense symmetry error; the first is the reported threshold, the others,
+    stricter by default, are for comparison. `sphere_threshold`: metres.
     """
     return {
         row: {

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from pipelines.contents import mapping_in
 from pipelines.evaluation import published
 from pipelines.evaluation.figures import TEST_SPLITS, Figures
 from pipelines.evaluation.published import Published
@@ -60,7 +61,7 @@ def report_sections(report: Mapping[str, Any]) -> dict[str, list[Table]]:
     sections: dict[str, list[Table | None]] = {
         "Grasps": [quality, swept, pair, region, graspnet_table(rows)],
         "Success": [success_table(report), trial_table(report)],
-        "Symmetries": [symmetry_table(rows)],
+        "Symmetries": [symmetry_table(report)],
         "Region masks": [mask_table(rows)],
         "Outcomes of the objects": [reason_table(rows)],
         "Further tables": [given_table(each) for each in report.get("tables", [])],
@@ -171,8 +172,9 @@ def trial_table(report: Mapping[str, Any]) -> Table | None:
     return Table(title, ("method", "mu", *names), tuple(body), names=2) if body else None
 
 
-def symmetry_table(rows: ReportRows) -> Table:
+def symmetry_table(report: Mapping[str, Any]) -> Table:
     """Return symmetry AP by method, split and threshold of the dense error."""
+    rows: ReportRows = report["rows"]
     paper = published.SYMMETRY_AP
     body = [(method, "test set", *map(_number, found)) for method, found in paper.items()]
     for row, split, figures in _cells(rows):
@@ -186,12 +188,23 @@ def symmetry_table(rows: ReportRows) -> Table:
     for threshold, ap in rows.get(OURS, {}).get(ALL, {}).get("symmetry_ap_strict", {}).items():
         cells = (_number(ap[kind]) if kind != "sphere" else "" for kind in SYMMETRY_KINDS)
         body.append((report_row(OURS).title, f"all, error < {threshold}", *cells))
-    note = (
-        f"First rows: {published.SOURCE}. A symmetry is right if its dense error is below 0.25, "
-        "or a sphere's centre within 5 cm; the last rows have stricter errors."
-    )
+    note = f"First rows: {published.SOURCE}.{_threshold_note(report)}"
     header = ("method", "split", *SYMMETRY_KINDS)
     return Table("Symmetry, average precision", header, tuple(body), note, len(paper), names=2)
+
+
+def _threshold_note(report: Mapping[str, Any]) -> str:
+    """Return the thresholds of right symmetries in words; empty if the report has no settings."""
+    config = mapping_in(mapping_in(report, "provenance"), "config")
+    if "symmetry_thresholds" not in config:
+        return ""
+    first, *others = config["symmetry_thresholds"]
+    note = f" A symmetry is right if its dense error is below {first:g}, or a sphere's centre "
+    note += f"within {100 * config['sphere_threshold']:g} cm"
+    if others:
+        kind = "stricter" if max(others) < first else "other"
+        note += f"; the last rows have {kind} thresholds"
+    return f"{note}."
 
 
 def graspnet_table(rows: ReportRows) -> Table | None:

@@ -72,6 +72,28 @@ def test_unseen_is_the_mean_over_the_objects_of_both_splits():
     assert float(cell(table, "SymGrasp, if grasped", "unseen")) == pytest.approx(2.4 / 4)
 
 
+@pytest.mark.parametrize(
+    ("thresholds", "sphere", "note"),
+    [
+        (
+            [0.25, 0.134],
+            0.05,
+            "below 0.25, or a sphere's centre within 5 cm; the last rows have st",
+        ),
+        (
+            [0.1, 0.3, 0.05],
+            0.02,
+            "below 0.1, or a sphere's centre within 2 cm; the last rows have o",
+        ),
+        ([0.1], 0.005, "below 0.1, or a sphere's centre within 0.5 cm."),
+    ],
+)
+def test_the_table_of_symmetries_states_the_thresholds_that_were_used(thresholds, sphere, note):
+    config = {"symmetry_thresholds": thresholds, "sphere_threshold": sphere}
+    made = report(record("seen", [0.5]), provenance={"config": config})
+    assert note in table_of(report_tables(made), "Symmetry").note
+
+
 def test_splits_without_frames_have_no_row():
     assert {row[1] for row in table_of(TABLES, "Outcomes of the objects").rows} == {"seen", "all"}
 

@@ -18,7 +18,6 @@ import numpy as np
 
 from pipelines.array_types import Array
 from pipelines.contents import reading
-from pipelines.dataset.meshes import size_warning
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.symmetry import RotationSymmetry, SphereSymmetry, Symmetry
@@ -71,21 +70,20 @@ def write(path: Path, objects: Mapping[str, tuple[Mesh, Sequence[Symmetry]]]) ->
 
 
 def entry_of(mesh: Mesh, symmetries: Sequence[Symmetry]) -> dict[str, Any]:
-    """Return the entry of one object; a mesh too large to be in metres is in millimetres."""
+    """Return the entry, in millimetres, of one object, whose mesh and symmetries are in metres."""
     low, high = mesh.bounds
-    scale = 1.0 if size_warning(mesh, Path()) else MILLIMETRES
-    size = scale * diameter(mesh.vertices[np.unique(mesh.faces)])
+    size = MILLIMETRES * diameter(mesh.vertices[np.unique(mesh.faces)])
     entry: dict[str, Any] = {"diameter": size}
-    entry |= {f"min_{axis}": float(scale * low[i]) for i, axis in enumerate("xyz")}
-    entry |= {f"size_{axis}": float(scale * (high - low)[i]) for i, axis in enumerate("xyz")}
+    entry |= {f"min_{axis}": float(MILLIMETRES * low[i]) for i, axis in enumerate("xyz")}
+    entry |= {f"size_{axis}": float(MILLIMETRES * (high - low)[i]) for i, axis in enumerate("xyz")}
     rotations = implied_rotations(symmetries)
     if len(rotations.discrete):
         stretched = rotations.discrete.copy()
-        stretched[:, :3, 3] *= scale
+        stretched[:, :3, 3] *= MILLIMETRES
         entry["symmetries_discrete"] = stretched.reshape(-1, 16).tolist()
     if rotations.continuous:
         entry["symmetries_continuous"] = [
-            {"axis": axis.axis.tolist(), "offset": (scale * axis.point).tolist()}
+            {"axis": axis.axis.tolist(), "offset": (MILLIMETRES * axis.point).tolist()}
             for axis in rotations.continuous
         ]
     return entry

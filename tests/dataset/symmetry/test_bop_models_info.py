@@ -85,10 +85,13 @@ def test_sizes_are_millimetres():
     assert [entry[f"size_{axis}"] for axis in "xyz"] == pytest.approx([120, 60, 40])
 
 
-def test_a_mesh_in_millimetres_keeps_its_numbers():
-    mesh, _ = solid("box")
-    entry = bop_models_info.entry_of(Mesh(1000.0 * mesh.vertices, mesh.faces), [])
-    assert entry["diameter"] == pytest.approx(140.0)
+def test_a_mesh_of_furniture_size_is_in_metres_too():
+    mesh, _ = solid("can", make_pose(np.eye(3), [0.0, 0.0, 0.01]))
+    axis = RotationSymmetry(Z, 0.02 * X)
+    entry = bop_models_info.entry_of(Mesh(30.0 * mesh.vertices, mesh.faces), [axis])
+    assert [entry[f"size_{axis}"] for axis in "xyz"] == pytest.approx([1800, 1800, 3000])
+    assert entry["min_z"] == pytest.approx(-1200)
+    assert entry["symmetries_continuous"] == [{"axis": [0, 0, 1], "offset": [20, 0, 0]}]
 
 
 @pytest.mark.parametrize(

@@ -38,6 +38,8 @@ FORMAT_VERSION = 1
 JUDGED = {"grasps", "dump"}  # inputs that are evaluated, not labels to evaluate on
 # None of these affects our own row; `hands` is the name of the grasp critic's digest in 0.1.
 FOR_BASELINES = ("baselines", "seed", "affordance", "grasp_critic", "hands")
+# Labels that `evaluate --exact` takes from other files, so that their digests differ anyway.
+TAKEN_BY_EXACT = {"meshes", "poses"}
 SEEDED = ("simulate",)  # stages where the seed affects all rows: it cuts models into pieces
 VIEWS_NOTE = (
     "Views of one scene are alike: intervals over frames are too narrow, --unit scene is better."
@@ -201,9 +203,10 @@ def _setting_notes(runs: Sequence[EvaluatedRun], row: str) -> list[str]:
     settings, labels = zip(*(_provenance(run, row) for run in runs), strict=True)
     notes = []
     for place, run in enumerate(runs[1:], 1):
+        unequal = _differing(settings[0], settings[place])
         changed = [
             f"{name} {settings[place].get(name)} instead of {settings[0].get(name)}"
-            for name in _differing(settings[0], settings[place])
+            for name in unequal
         ]
         if changed:
             notes.append(f"{run.name} was evaluated with other settings: {', '.join(changed)}.")
@@ -212,7 +215,8 @@ def _setting_notes(runs: Sequence[EvaluatedRun], row: str) -> list[str]:
             notes.append(f"{run.name} evaluates the same grasps as {runs[0].name}.")
         if "gripper" in other:
             notes.append(f"{run.name} was evaluated with another gripper.")
-        if other := [name for name in other if _is_label(name)]:
+        unknown = TAKEN_BY_EXACT if "exact" in unequal else set()
+        if other := [name for name in other if _is_label(name) and name not in unknown]:
             notes.append(f"{run.name} was evaluated on other labels: {', '.join(other)}.")
     return notes
 

@@ -256,9 +256,12 @@ def test_tables_have_a_cell_for_every_head(tmp_path):
     assert all(len(row) == len(table.header) for table in tables for row in table.rows)
 
 
-def write_dump_run(folder: Path, better: float = 0.0) -> Path:
-    """Write a report by GraspNet's protocol, two cameras; accuracies are raised by `better`."""
-    path, config = folder / "report.json", EvaluateDumpConfig()
+def write_dump_run(folder: Path, better: float = 0.0, exact: bool = False, **labels: str) -> Path:
+    """Write a report by GraspNet's protocol, two cameras; accuracies are raised by `better`.
+
+    `labels`: digests of the poses and meshes.
+    """
+    path, config = folder / "report.json", EvaluateDumpConfig(exact=exact)
     for camera in ("kinect", "realsense"):
         rng = np.random.default_rng(len(camera))
         accuracy = [rng.uniform(0.1, 0.5, (RANKS, len(AP_FRICTIONS))) + better for _ in range(6)]
@@ -266,7 +269,8 @@ def write_dump_run(folder: Path, better: float = 0.0) -> Path:
         stamp = make_stamp("evaluate --protocol graspnet", config, inputs={"dump": camera})
         target = scenes_folder(path) / f"scene_0100_{camera}.npz"
         write_dump_verdicts(target, frames, stamp)
-    stamp = make_stamp("evaluate --protocol graspnet", config, inputs={"dump": folder.name})
+    inputs = {"dump": folder.name, **labels}
+    stamp = make_stamp("evaluate --protocol graspnet", config, inputs=inputs)
     write_report(path, {"kinect": {}, "realsense": {}}, stamp, protocol="graspnet")
     return path
 
@@ -280,6 +284,17 @@ def test_dumps_are_compared_by_graspnets_ap(tmp_path):
     assert found.notes == ["12 frames are in all 2 runs and are compared."]
     one_camera = compare.run(paths, CompareConfig(row="kinect", resamples=10))
     assert figure(one_camera, "ap").frames == 6
+
+
+def test_files_that_only_exact_verdicts_read_are_no_other_labels(tmp_path):
+    first = write_dump_run(tmp_path / "a", poses="xml", meshes="grids")
+    exact = write_dump_run(tmp_path / "b", exact=True, poses="xml and mat", meshes="surfaces")
+    other = write_dump_run(tmp_path / "c", poses="xml", meshes="other grids")
+    notes = compare.run([first, exact, other], CONFIG).notes
+    assert notes[1:] == [
+        "b was evaluated with other settings: exact True instead of False.",
+        "c was evaluated on other labels: meshes.",
+    ]
 
 
 def test_the_ap_of_a_dump_is_that_of_its_report(tmp_path):

@@ -31,10 +31,11 @@ from pipelines.grasping.peers.oriented_boxes import (
     orientation_classes,
     rows_of_boxes,
 )
-from pipelines.grasping.peers.rectangles import on_their_object, rectangle_grasps
+from pipelines.grasping.peers.rectangles import hold_at, on_their_object, rectangle_grasps
 from pipelines.grasping.scene import SceneCloud
 from pipelines.inference.frame_grasps import Planner
 from pipelines.inference.peers.graspnet import best_hands, collision_free_grasps
+from pipelines.learning.peers import ggcnn_training, multi_grasp_training
 from pipelines.learning.peers.graspnet_clouds import labelled_scene
 from pipelines.learning.peers.graspnet_labels import graspnet_frame_arrays
 from pipelines.network.peers.graspnet import DEPTHS, GRASPNET_SIZES, NUM_TURNS, Operations
@@ -58,10 +59,10 @@ def as_boxes(rows: Array, shape: tuple[int, int]) -> Array:
     return rows_of_boxes(horizontal_boxes(rows), orientation_classes(rows), rows[:, 5])
 
 
-# Method -> its representation, and the least score of its training rectangles.
+# Method -> its representation, and the largest friction coefficient of its training rectangles.
 REPRESENTATIONS: dict[str, tuple[Represented, float]] = {
-    "gg-cnn": (as_maps, 0.7),
-    "multi-grasp": (as_boxes, 0.8),
+    "gg-cnn": (as_maps, ggcnn_training.MAX_FRICTION),
+    "multi-grasp": (as_boxes, multi_grasp_training.MAX_FRICTION),
 }
 
 
@@ -81,10 +82,10 @@ class RectangleLabels:
     ) -> tuple[GraspPoses, Array]:
         """Return the labelled grasps of a dataset frame after the method's post-processing."""
         del rng  # nothing is drawn
-        represented, least = REPRESENTATIONS[self.name]
+        represented, friction = REPRESENTATIONS[self.name]
         files = self.root.frame(frame.name)
         rows = read_rect(files.path("rect")).astype(np.float64)
-        rows = rows[(rows[:, 5] >= least) & on_their_object(rows, self.root.read_label(files))]
+        rows = rows[hold_at(rows, friction) & on_their_object(rows, self.root.read_label(files))]
         shape = scene.depth.shape[0], scene.depth.shape[1]
         rows = represented(rows, shape)
         grasps, index = rectangle_grasps(rows, scene.depth, scene.intrinsics, self.gripper)

@@ -107,6 +107,19 @@ def test_rectangles_of_hidden_objects_are_no_labels(root):
     assert sorted(set(frame["rows"][:, 6].tolist())) == [0.0, 1.0, 2.0]
 
 
+@pytest.mark.parametrize(("name", "largest"), [("gg-cnn", 0.4), ("multi-grasp", 0.2)])
+def test_rectangles_up_to_the_largest_friction_are_labels(name, largest, tmp_path):
+    root = write_root(tmp_path / "root")
+    write_rects(root)
+    files, friction = root.frame(frame_names()[0]), np.arange(1, 11) / 10
+    rows = np.repeat(read_rect(files.path("rect"))[:1], len(friction), axis=0)
+    rows[:, 0] += np.arange(len(friction)) / 10  # different places
+    rows[:, 5] = 1.1 - friction
+    write_rect(files.path("rect"), rows)
+    kept = trained_peer(name).peer.prepare(root, files, PeerNetworkConfig())["rows"]
+    assert sorted(np.round(1.1 - kept[:, 5], 3)) == friction[friction <= largest].tolist()
+
+
 def test_a_finished_training_is_skipped(root, trained):
     assert train(root, trained("gg-cnn")).skipped == ["gg-cnn.safetensors"]
 

@@ -16,8 +16,8 @@ from tools.peer_oracle import METHODS, REPRESENTATIONS, write_oracle
 
 @pytest.mark.parametrize("name", REPRESENTATIONS)
 def test_true_rectangles_are_decoded_correctly(name):
-    represented, least = REPRESENTATIONS[name]
-    sizes = np.full(2, 60.0), np.full(2, 30.0), np.array([1.0, least])
+    represented, _ = REPRESENTATIONS[name]
+    sizes = np.full(2, 60.0), np.full(2, 30.0), np.array([1.0, 0.7])
     rows = rectangle_rows(np.array([[150.0, 200.0], [400.0, 300.0]]), np.array([0.3, -1.0]), *sizes)
     found = represented(rows, (480, 640))
     assert len(found) == 2

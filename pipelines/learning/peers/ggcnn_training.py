@@ -14,7 +14,7 @@ from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_labels import read_rect
 from pipelines.dataset.graspnet.graspnet_layout import FrameFiles
 from pipelines.grasping.peers.grasp_maps import MAP_SIDE, GraspMaps, scaled_rows
-from pipelines.grasping.peers.rectangles import on_their_object
+from pipelines.grasping.peers.rectangles import hold_at, on_their_object
 from pipelines.learning.peers.peer import Arrays, Drawn, Peer, PeerTraining, mean_figures
 from pipelines.network.peers.ggcnn import GGCNN, MAPS
 from pipelines.network.peers.ggcnn_input import normalised, whole_depth
@@ -22,7 +22,7 @@ from pipelines.tabletop.depth_channels import find_plane, shrink
 
 STORED_SIDE = 480  # pixels, longest shorter side of a stored frame
 DEPTH_UNITS = 10_000.0  # per metre
-MIN_SCORE = 0.7  # least score of a rectangle: 1.1 - mu, so mu is 0.4 or less
+MAX_FRICTION = 0.4  # largest friction coefficient of a labelled rectangle
 MIN_ZOOM = 0.5  # least share of the shorter side that a crop shows
 
 
@@ -44,7 +44,7 @@ def ggcnn_frame(
     """
     depth, intrinsics = root.read_depth(files)
     rows = read_rect(files.path("rect")).astype(np.float64)
-    rows = rows[rows[:, 5] >= MIN_SCORE]
+    rows = rows[hold_at(rows, MAX_FRICTION)]
     rows = rows[on_their_object(rows, root.read_label(files))]
     small = shrink(None, depth, intrinsics, STORED_SIDE, max(depth.shape))
     if min(depth.shape) > STORED_SIDE:

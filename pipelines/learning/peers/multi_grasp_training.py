@@ -22,14 +22,14 @@ from pipelines.grasping.peers.oriented_boxes import (
     rows_of_boxes,
     spread_rows,
 )
-from pipelines.grasping.peers.rectangles import on_their_object, rectangle_hits
+from pipelines.grasping.peers.rectangles import hold_at, on_their_object, rectangle_hits
 from pipelines.learning.peers.peer import Arrays, Drawn, Peer, PeerTraining
 from pipelines.network.detection.mask_rcnn import seed_samplers
 from pipelines.network.peers.multi_grasp import LONG_SIDES, SHORT_SIDES, build_multi_grasp
 from pipelines.network.peers.rgd import rgd_pixels, rgd_tensor
 from pipelines.tabletop.depth_channels import shrink
 
-MIN_SCORE = 0.8  # least score of a rectangle: 1.1 - mu; mu is 0.2 at most, but for rounding
+MAX_FRICTION = 0.2  # largest friction coefficient of a labelled rectangle
 MOST_ROWS = 60  # rectangles of an object in a frame
 SHIFT = 0.1  # share of the shorter side, longest shift of an image
 FIRST = 10  # best grasps of a frame that are counted as hits or misses
@@ -57,7 +57,7 @@ def multi_grasp_frame(root: GraspNetRoot, files: FrameFiles, network: PeerNetwor
     """Return a frame at the network's size: `pixels` (h, w, 3) RGD, `rows` (n, 7) float32."""
     frame = root.read_frame(files)
     rows = read_rect(files.path("rect")).astype(np.float64)
-    rows = rows[rows[:, 5] >= MIN_SCORE]
+    rows = rows[hold_at(rows, MAX_FRICTION)]
     rows = rows[on_their_object(rows, root.read_label(files))]
     rows = rows[spread_rows(rows, MOST_ROWS)]
     variant = network.variant

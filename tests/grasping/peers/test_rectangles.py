@@ -9,6 +9,7 @@ from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.peers.rectangles import (
     angles,
     corners,
+    hold_at,
     on_their_object,
     opening_pixels,
     rectangle_grasps,
@@ -38,6 +39,14 @@ def test_a_rectangle_on_a_plane_projects_back_to_its_centre_and_opening():
     center, side = (CAMERA.project(points) for points in ends)
     assert_allclose(center, rows[:, :2], atol=1e-3)
     assert_allclose(2 * np.linalg.norm(side - center, axis=1), opening_pixels(rows), atol=1e-3)
+
+
+@pytest.mark.parametrize("largest", [0.1, 0.2, 0.3, 0.4, 0.9])
+def test_labels_hold_up_to_a_friction_whatever_the_rounding_of_their_scores(largest):
+    friction = np.arange(1, 11) / 10
+    rows = some_rows(*np.zeros(len(friction)))
+    rows[:, 5] = (1.1 - friction).astype(np.float32)
+    assert friction[hold_at(rows, largest)].tolist() == friction[friction <= largest].tolist()
 
 
 def test_finger_tips_end_2_cm_behind_the_surface_along_the_view():

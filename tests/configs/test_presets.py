@@ -32,6 +32,12 @@ def test_each_line_of_a_preset_changes_a_setting(preset, stage):
         assert not is_same or f"{stage}.{name}" in same, f"{name} = {value} is the default"
 
 
+def test_the_paper_augments_by_principal_scaling_alone():
+    config = changed(default_settings("train"), preset_settings("paper", "train"))
+    changes = {name for name, value in vars(config.augmentation).items() if value != 0.0}
+    assert changes == {"principal_scale"}
+
+
 def test_a_file_and_an_option_go_before_the_preset(tmp_path):
     file = tmp_path / "settings.toml"
     file.write_text("clip_detections = true\n", encoding="utf-8")

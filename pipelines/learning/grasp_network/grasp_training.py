@@ -1,7 +1,7 @@
 """The grasp network as a `Trainee`: data, Siamese loss, figures (Sec. III-E)."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
@@ -100,10 +100,14 @@ class GraspTraining:
 
     @torch.no_grad()
     def validate(self) -> dict[str, float]:
-        """Return the loss on the held-out regions, unaugmented, and `RegionFigures`."""
+        """Return the balanced loss on held-out regions, unaugmented, and `RegionFigures`.
+
+        The loss as printed would choose weights that predict no affordance, its weight in Eq. 7.
+        """
         figures, losses, weights = RegionFigures(), [], []
         module = folded(self.module)  # the same outputs in less time
         chosen, network = self.val_set.indices, self.config.network
+        judged = replace(self.config, loss="balanced")
         for start in range(0, len(chosen), VALIDATION_BATCH):
             indices = chosen[start : start + VALIDATION_BATCH]
             generators = [np.random.default_rng(int(index)) for index in indices]
@@ -111,7 +115,7 @@ class GraspTraining:
             truth = loaded.to(self.device)
             prediction = module(truth.points, truth.ground, camera=truth.camera)
             points = truth.points[:, :: max(1, network.num_points // NUM_ERROR_POINTS)]
-            terms = total_loss(prediction, truth, None, self.config, points)
+            terms = total_loss(prediction, truth, None, judged, points)
             losses.append(float(terms["total"]))
             weights.append(len(truth))
             figures.add(prediction, truth)

@@ -142,6 +142,18 @@ def test_every_weight_gets_a_gradient(regions):
     assert idle == []
 
 
+@pytest.mark.parametrize("loss", ["balanced", "paper"])
+def test_predicting_less_affordance_everywhere_does_not_lower_the_validation_loss(regions, loss):
+    trainee = training(regions, replace(CONFIG, loss=loss, weight_affordance=0.0))
+    last = trainee.module.eval().heads.affordance[-1]
+    torch.nn.init.zeros_(last.weight)
+    losses = []
+    for affordance in (0.9, 0.1):
+        torch.nn.init.constant_(last.bias, affordance)
+        losses.append(trainee.validate()["loss"])
+    assert losses[1] == pytest.approx(losses[0])
+
+
 def test_validation_reports_figures_of_all_kinds(regions):
     trainee = training(regions)
     trainee.module.eval()

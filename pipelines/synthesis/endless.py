@@ -141,8 +141,8 @@ class EndlessScenes:
             raise SymgraspError(
                 f"no region of {ATTEMPTS} scenes is visible; are the objects too small?"
             )
-        chosen = rng.choice(len(clouds), wanted, replace=len(clouds) < wanted)
-        return [_packed(clouds[int(i)]) for i in chosen]
+        chosen = np.resize(rng.permutation(len(clouds)), wanted)  # all before one is repeated
+        return [_packed(clouds[i]) for i in chosen.tolist()]
 
     def _drawn_clouds(self, rng: np.random.Generator) -> list[LabelledCloud]:
         config = self.config

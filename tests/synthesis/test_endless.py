@@ -1,5 +1,6 @@
 """Endless regions: repeatable, with true labels, of objects and seeds of no evaluation."""
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -57,6 +58,15 @@ def test_a_scene_is_the_same_whenever_it_is_drawn(root, scenes):
     )
     assert not np.array_equal(first[0].points, other_scene[0].points)
     assert not np.array_equal(first[0].points, other_seed[0].points)
+
+
+def test_all_regions_of_a_scene_are_used_before_one_is_repeated(root):
+    scenes = EndlessScenes.of_roots([root.root], replace(CONFIG, regions_per_scene=7), 0)
+    for number in range(4):
+        regions = scenes.regions(number)
+        times = Counter(region.points.tobytes() for region in regions)
+        assert len(regions) == 7
+        assert max(times.values()) - min(times.values()) <= 1
 
 
 def test_scenes_without_a_region_are_drawn_again_however_few_regions_are_wanted(root, monkeypatch):

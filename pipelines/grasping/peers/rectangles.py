@@ -22,7 +22,7 @@ MAX_TURN, LEAST_SHARED = np.radians(30.0), 0.25  # limits of a correct rectangle
 TIPS_BELOW = 0.02  # metres from the measured surface down to the finger tips
 MIN_LINE = 1e-6  # metres; a shorter line has no direction
 SCORE_AT_ZERO = 1.1  # the score of a label is this value minus its friction coefficient
-FRICTION_STEP = 0.1  # between the friction coefficients of labels
+ROUNDING = 1e-4  # rounding error of a label's score
 
 
 def rectangle_rows(
@@ -65,11 +65,8 @@ def corners(rows: Array, share: float = 1.0) -> Array:
 
 
 def hold_at(rows: Array, friction: float) -> Mask:
-    """Return a mask (n,) of the labels `rows` (n, 7) that hold at this `friction` coefficient.
-
-    The bound is between two labelled coefficients, because scores are rounded to float32.
-    """
-    return np.asarray(rows[:, 5] > SCORE_AT_ZERO - friction - 0.5 * FRICTION_STEP)
+    """Return a mask (n,) of the labels `rows` (n, 7) that hold at this `friction` coefficient."""
+    return np.asarray(rows[:, 5] >= SCORE_AT_ZERO - friction - ROUNDING)
 
 
 def on_their_object(rows: Array, label: NDArray[np.integer]) -> Mask:

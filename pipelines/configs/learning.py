@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
-from pipelines.configs.dataset import FRAME_STRIDE, PackConfig, SceneryConfig
+from pipelines.configs.dataset import FRAME_STRIDE, SURROUNDINGS, PackConfig, Surrounding
 from pipelines.configs.declaration import BY_EYE, choice, count, fraction, setting
 from pipelines.configs.evaluation import EvaluateConfig
 from pipelines.configs.inference import InferConfig
@@ -130,6 +130,7 @@ class EndlessConfig:
         0.0, "Rendered share of a batch; with packed regions, 0 stands for 0.5.", "D. 59"
     )
     epoch_regions: int = count(20_000, "Regions of an epoch if all are rendered.", BY_EYE)
+    surroundings: tuple[Surrounding, ...] = choice(("plain",), SURROUNDINGS, BY_EYE)
     views: int = count(4, "Views of a scene.", "D. 59")
     regions_per_scene: int = count(20, "Regions drawn of a scene.", BY_EYE)
     scenes_together: int = count(16, "Scenes whose regions are shuffled together.", BY_EYE)
@@ -146,7 +147,6 @@ class EndlessConfig:
     )
     mask_cuts: float = fraction(0.1, "Share of the masks that are cut off.", BY_EYE)
     pack: PackConfig = field(default_factory=PackConfig)
-    scenery: SceneryConfig = field(default_factory=SceneryConfig)
 
 
 @dataclass(frozen=True)

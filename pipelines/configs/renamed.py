@@ -24,6 +24,7 @@ GROUPED = {
 RENAMED: dict[str, dict[str, str]] = {
     "EvaluateDumpConfig": {"max_width": "clip_width"},
     "ScoreGraspsConfig": {"max_width": "clip_width"},
+    "TrainConfig": {"endless.scenery.surroundings": "endless.surroundings"},
     "InferConfig": {
         **GROUPED,
         "selects_for_peers": "selects_for_compared_methods",
@@ -44,6 +45,7 @@ RENAMED: dict[str, dict[str, str]] = {
     },
 }
 NO_EFFECT = "a leave-one-out showed no effect"
+NEVER_USED = "it had no effect"
 # Removed settings with the reason; files of earlier versions may name them.
 REMOVED: dict[str, dict[str, str]] = {
     "InferConfig": {
@@ -53,7 +55,12 @@ REMOVED: dict[str, dict[str, str]] = {
         "selection.candidates.max_contact_angle": NO_EFFECT,
         "selection.doubted_trust": NO_EFFECT,
         "selection.symmetry.min_doubtful_confidence": NO_EFFECT,
-    }
+    },
+    "TrainConfig": {
+        "endless.scenery.robot_hands": NEVER_USED,
+        "endless.scenery.colors": NEVER_USED,
+        "endless.scenery.depth_faults": NEVER_USED,
+    },
 }
 # Settings that weights of earlier versions lack: their networks have the default.
 NOT_NAMED_BEFORE: dict[str, frozenset[str]] = {"NetworkConfig": frozenset({"pift", "sees_camera"})}

@@ -152,7 +152,7 @@ class EndlessScenes:
         drawn = rng.choice(list(self.objects), count, replace=False).tolist()
         try:
             objects = [self.objects[i].scene for i in drawn]
-            layout = drawn_layout(objects, config.scenery.surroundings, rng)
+            layout = drawn_layout(objects, config.surroundings, rng)
         except SymgraspError:  # these objects do not come to rest together; draw other objects
             return []
         sensor = str(rng.choice(list(LENSES)))

@@ -11,11 +11,13 @@ from typing import get_args
 import pytest
 
 from pipelines.configs import (
+    EndlessConfig,
     FeasibilityConfig,
     InferConfig,
     LabelGraspsConfig,
     SelectionConfig,
     SymmetryConfig,
+    TrainConfig,
     check_settings,
     from_settings,
 )
@@ -186,6 +188,13 @@ def test_names_of_earlier_versions_are_read_as_todays_names():
     for where in ("selection.symmetry", "selection"):
         spelled = changed_by_text(config, f"{where}.min_neighbour_confidence", "0.6")
         assert spelled.selection.symmetry.min_neighbor_confidence == 0.6
+
+
+def test_the_scenery_of_endless_regions_is_read_as_their_surroundings(caplog):
+    scenery = {"surroundings": ["bin"], "robot_hands": 0.5, "colors": "varied", "depth_faults": 0.1}
+    old = from_settings(TrainConfig, {"endless": {"scenery": scenery}})
+    assert old == TrainConfig(endless=EndlessConfig(surroundings=("bin",)))
+    assert "endless.scenery.depth_faults is left out: it had no effect" in caplog.text
 
 
 def test_removed_settings_are_ignored_with_a_warning(monkeypatch, caplog):

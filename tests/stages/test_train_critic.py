@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 from pipelines import train_critic
 from pipelines.configs import InferConfig, TrainCriticConfig
 from pipelines.dataset import object_list
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.object_list import ObjectRecord
 from pipelines.errors import (
     FormatError,
@@ -17,6 +18,7 @@ from pipelines.errors import (
     SymgraspError,
     ValueRangeError,
 )
+from pipelines.evaluation.truth import TruthReader
 from pipelines.geometry.symmetry import REFLECTION_SLOTS, ROTATION_SLOT, SPHERE_SLOT
 from pipelines.grasping.ranking import critic_files
 from pipelines.grasping.symmetries.axis_evidence import AXIS_FEATURES
@@ -107,6 +109,23 @@ def test_the_can_has_a_true_axis_the_ball_a_true_sphere_and_the_box_true_planes(
     planes = rows_of(outputs["planes"])
     assert set(planes.slot) == {REFLECTION_SLOTS[0]}
     assert set(planes.truth) == {0.0, 1.0}
+
+
+@pytest.mark.parametrize("name", ["axes", "planes"])
+def test_candidates_have_the_sources_of_infer(name, roots):
+    reader = TruthReader(GraspNetRoot(roots[0]), CONFIG.evaluate)
+    files = reader.root.scenes()[0].frames()[0]
+
+    def count(candidates):
+        symmetry = replace(CONFIG.infer.selection.symmetry, candidates=candidates)
+        selection = replace(CONFIG.infer.selection, symmetry=symmetry)
+        config = replace(CONFIG, infer=replace(CONFIG.infer, selection=selection))
+        collector = Collector(reader, ModelPaths(), config)
+        groups = collector.rows(CRITIC_KINDS[name], files, np.random.default_rng(0))
+        return sum(len(rows) for rows in groups)
+
+    assert count("network") < count("network+shape")
+    assert count("shape") < count("network+shape")
 
 
 def test_grasps_have_the_quality_among_true_meshes(outputs):

@@ -22,6 +22,7 @@ from pipelines.grasping.planner import MIN_POINTS, RegionPlanner
 from pipelines.grasping.ranking.grasp_features import GraspFeatures
 from pipelines.grasping.scene import SceneCloud
 from pipelines.grasping.symmetries import axis_evidence, plane_evidence
+from pipelines.grasping.symmetries.grounding import SOURCE_BITS
 from pipelines.grasping.symmetries.region_evidence import RegionEvidence
 from pipelines.inference import models
 from pipelines.inference.observation import observe
@@ -113,7 +114,7 @@ class Collector:
     def _axes(self, frame: ObservedFrame) -> Iterator[CriticRows]:
         """Yield the fitted axes of each region, and its sphere."""
         for region, truth in zip(frame.regions, frame.truths, strict=True):
-            evidence = RegionEvidence.of(region.slots, region.cloud, frame.scene)
+            evidence = self._evidence(region, frame.scene)
             fitted = axis_evidence.fitted_axes(evidence)
             true = np.array([symmetry_truth(each, truth) for each in fitted.symmetries])
             slot = np.full(len(true), ROTATION_SLOT)
@@ -125,13 +126,18 @@ class Collector:
         """Yield the fitted planes of each region."""
         critic = models.axis_critic(self.paths.axis_critic)
         for region, truth in zip(frame.regions, frame.truths, strict=True):
-            evidence = RegionEvidence.of(region.slots, region.cloud, frame.scene)
+            evidence = self._evidence(region, frame.scene)
             axis = axis_evidence.likely_axis_and_sphere(evidence, critic)[0][0]
             planes = plane_evidence.fitted_planes(evidence, axis)[0]
             true = np.array([symmetry_truth(plane, truth) for plane in planes])
             slot = np.full(len(planes), REFLECTION_SLOTS[0])
             inputs = plane_evidence.plane_critic_inputs(planes, evidence)
             yield CriticRows.of_group(*inputs, true, slot)
+
+    def _evidence(self, region: PredictedRegion, scene: SceneCloud) -> RegionEvidence:
+        """Return the evidence of a region, with the sources of candidates that `infer` has."""
+        allowed = SOURCE_BITS[self.config.infer.selection.symmetry.candidates]
+        return RegionEvidence.of(region.slots, region.cloud, scene, allowed)
 
     def _grasps(self, frame: ObservedFrame, rng: np.random.Generator) -> Iterator[CriticRows]:
         """Yield some feasible grasps of each pass at each region on an object.

@@ -79,14 +79,14 @@ class DetectorTraining:
     @torch.no_grad()
     def validate(self) -> dict[str, float]:
         """Return mask AP on (at most `max_val_frames` of) the held-out frames."""
-        frames = []
+        frames, threshold = [], self.config.detector.mask_threshold
         for key in spread(self.frames.val, self.config.max_val_frames):
             view = detector_frames.read(*key)
             example = as_example(view, self.config.detector.input)
             (found,) = self.module([example.image.to(self.device)])
             size = view.regions.shape
             drawn = [
-                draw_mask(soft, box.astype(np.float64), (size[0], size[1]))
+                draw_mask(soft, box.astype(np.float64), (size[0], size[1]), threshold)
                 for soft, box in zip(
                     found["masks"][:, 0].cpu().numpy(), found["boxes"].cpu().numpy(), strict=True
                 )

@@ -167,7 +167,7 @@ class TrainingRun:
         reason = StopReason.NONE
         loaded = load_ahead(load, remaining, self.request.loaders, self._stop_alone())
         for step, micro_batches in zip(remaining, loaded, strict=False):  # fewer if the run stops
-            self._set_learning_rate(epoch + step / len(batches))
+            self._set_learning_rate(epoch + step / self._steps_an_epoch(batches))
             try:
                 self._step(workers, micro_batches)
             except StepAbandoned:
@@ -221,6 +221,11 @@ class TrainingRun:
             describe_losses(losses),
             f"finite; {kept}; a lower learning rate may help",
         )
+
+    def _steps_an_epoch(self, batches: Sequence[Items]) -> int:
+        """Return the steps of a whole epoch; the last one of a compared method may be shorter."""
+        config = self.config
+        return config.epoch_steps if isinstance(config, TrainBaselineConfig) else len(batches)
 
     def _set_learning_rate(self, epochs_done: float) -> None:
         drops = math.floor(epochs_done / self.config.decay_epochs + 1e-9)

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from torch import nn
 
-from pipelines.configs import TrainConfig
+from pipelines.configs import TrainBaselineConfig, TrainConfig
 from pipelines.errors import FormatError, SymgraspError, ValueRangeError
 from pipelines.learning.loop import loop
 from pipelines.learning.loop.faults import read_fault
@@ -89,6 +89,13 @@ class Restless(Line):
         super().validate()
         steps = int(self.module[1].num_batches_tracked)
         return {"loss": 3.0 + steps / 100 if steps % 10 == 0 else 1.0 - steps / 100}
+
+
+class Shortened(Line):
+    """Ten batches an epoch, five in the third."""
+
+    def epoch(self, number, rng):
+        return super().epoch(number, rng)[: 10 if number < 2 else 5]
 
 
 class Killed(BaseException):
@@ -394,6 +401,22 @@ def test_the_output_holds_the_best_weights_and_their_validation_figures(tmp_path
 def test_the_learning_rate_drops_on_its_schedule(tmp_path):
     run, _ = trained(tmp_path / "line.safetensors")
     assert run.optimizer.param_groups[0]["lr"] == pytest.approx(0.01 * 0.5**2)
+
+
+def test_the_learning_rate_drops_by_steps_in_a_last_shorter_epoch_too(tmp_path):
+    config = TrainBaselineConfig(
+        steps=25, epoch_steps=10, batch_size=8, learning_rate=0.01, decay=0.5, decay_steps=11
+    )
+    run = new_run(tmp_path / "line.safetensors", Shortened(), config)
+    rates, step = [], run.optimizer.step
+
+    def recorded():
+        rates.append(run.optimizer.param_groups[0]["lr"])
+        step()
+
+    run.optimizer.step = recorded
+    run.run()
+    assert rates == pytest.approx([0.01 * 0.5 ** (done // 11) for done in range(25)])
 
 
 def test_a_time_limit_stops_cleanly_with_a_checkpoint(tmp_path):

@@ -65,7 +65,7 @@ def total_loss(
         truth, points, prediction.direction[:, :, :3], prediction.center[:, :, :3], weight
     )
     errors = slot_errors(prediction, matched, points)
-    is_right = errors < RIGHT if config.existence == "right" else None
+    is_right = right_symmetries(errors) if config.existence == "right" else None
 
     def mean(of_points: Tensor) -> Tensor:  # (B, Q)
         return (weight * of_points).sum(-1) @ labelled / len(labelled)
@@ -167,6 +167,15 @@ def existence_loss(
     if is_right is not None:
         target = target * is_right
     return functional.binary_cross_entropy_with_logits(logits, target, reduction="none").sum(-1)
+
+
+def right_symmetries(
+    errors: Tensor,  # (B, Q, 5)
+) -> Tensor:
+    """Return which of the `slot_errors` are below `RIGHT`; a sphere's error is squared."""
+    limit = torch.full((errors.shape[-1],), RIGHT, device=errors.device, dtype=errors.dtype)
+    limit[SPHERE_SLOT] = RIGHT**2
+    return errors < limit
 
 
 def slot_errors(

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from pipelines.configs import TrainConfig
+from pipelines.geometry.symmetry import SPHERE_SLOT
 from pipelines.network import losses
 from pipelines.network.model import Prediction
 from pipelines.network.regions import RegionBatch
@@ -242,6 +243,22 @@ def test_the_papers_loss_leaves_unlabelled_regions_out():
         prediction.affordance[:1], truth.affordance[:1], torch.ones(1)
     )
     torch.testing.assert_close(found, 0.5 * first)
+
+
+@pytest.mark.parametrize(("share", "is_right"), [(0.13, True), (0.14, False), (0.36, False)])
+def test_a_sphere_is_right_within_the_same_share_of_its_size_as_other_symmetries(share, is_right):
+    points = 0.04 * torch.nn.functional.normalize(torch.randn(1, 60, 3), dim=-1)
+    existence = torch.tensor([[0.0, 0.0, 0.0, 0.0, 1.0]])
+    nothing = torch.zeros(1, 5, 3)
+    truth = RegionBatch(
+        points, torch.ones(1, 60), existence, nothing, nothing, torch.zeros(1), torch.zeros(1, 3)
+    )
+    found = perfect_prediction(truth)
+    center = torch.zeros_like(found.center)
+    center[..., SPHERE_SLOT, 0] = share * 0.04
+    asks = replace(CONFIG, existence="right")
+    terms = losses.total_loss(replace(found, center=center), truth, None, asks, points)
+    assert (float(terms["existence"]) < 1.0) is is_right
 
 
 def test_existence_may_need_a_right_prediction_in_addition_to_a_listed_symmetry():

@@ -233,7 +233,15 @@ class PeerTraining(ABC):
         ]
 
 
-def mean_figures(found: Sequence[Mapping[str, Tensor]]) -> dict[str, float]:
-    """Return the means of the loss terms of frames, `total` as `loss`."""
-    means = {name: float(np.mean([float(each[name]) for each in found])) for name in found[0]}
+def mean_figures(
+    found: Sequence[Mapping[str, Tensor]], counts: Sequence[int] | None = None
+) -> dict[str, float]:
+    """Return the means of the loss terms of frames, `total` as `loss`.
+
+    `counts`: number of items in each of `found`, if these are means of batches.
+    """
+    means = {
+        name: float(np.average([float(each[name]) for each in found], weights=counts))
+        for name in found[0]
+    }
     return {"loss": means.pop("total")} | means

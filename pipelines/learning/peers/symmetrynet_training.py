@@ -170,8 +170,11 @@ class SymmetryNetTraining(PeerTraining):
     @torch.no_grad()
     def validate(self) -> dict[str, float]:
         """Return the loss terms on the regions of the validation frames, unchanged."""
-        judged = self._validation_regions()
-        return mean_figures([symmetry_terms(self.module, each, self.device) for each in judged])
+        found, counts = [], []
+        for batch in self._validation_regions():
+            found.append(symmetry_terms(self.module, batch, self.device))
+            counts.append(len(batch.points))
+        return mean_figures(found, counts)
 
     def _validation_regions(self) -> Iterator[RegionCrops]:
         keys = spread(self.frames.val, self.config.max_val_frames)

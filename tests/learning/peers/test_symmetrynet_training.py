@@ -9,6 +9,7 @@ from pipelines.configs import TrainBaselineConfig
 from pipelines.configs.peers import PeerNetworkConfig
 from pipelines.dataset.training.region_frames import FrameSets
 from pipelines.errors import MissingInputError, ValueRangeError
+from pipelines.learning.peers import symmetrynet_training
 from pipelines.learning.peers.peer import refuse_lacking, write_peer_frames
 from pipelines.learning.peers.symmetrynet_regions import (
     covered,
@@ -135,6 +136,19 @@ def test_a_pasted_instance_takes_the_points_under_it(regions):
     whole = len(regions[BOX].points)
     assert min(counts) < whole
     assert min(counts) >= 0.5 * whole
+
+
+def test_each_region_has_the_same_weight_in_the_validation(arrays, regions, tmp_path, monkeypatch):
+    path = tmp_path / "scene_0000.h5"
+    write_peer_frames(path, [arrays], make_stamp("test", {}))
+    torch.manual_seed(0)
+    trainee = SymmetryNetTraining(FrameSets([(path, 0)], [(path, 0)]), CONFIG, CPU, Processes())
+    trainee.module.eval()
+    losses = []
+    for together in (len(regions) - 1, 1):  # the last batch has one region
+        monkeypatch.setattr(symmetrynet_training, "JUDGED_TOGETHER", together)
+        losses.append(trainee.validate()["loss"])
+    assert losses[0] == pytest.approx(losses[1], rel=1e-4)
 
 
 def test_the_network_overfits_one_batch(regions):

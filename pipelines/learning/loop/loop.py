@@ -260,7 +260,8 @@ class TrainingRun:
     def _report_and_save(self, batches: Sequence[Items]) -> None:
         now, progress, total = time.monotonic(), self.progress, len(batches)
         epoch = f"{progress.epoch + 1}/{self.config.epochs}"
-        self.display.step(epoch, progress.step, total, self._losses, self._seconds_left(total))
+        left = self._seconds_left(self._steps_an_epoch(batches))
+        self.display.step(epoch, progress.step, total, self._losses, left)
         if self.writer is not None and now - self._logged > LOG_SECONDS:
             self._logged = now
             for name, value in self._losses.items():

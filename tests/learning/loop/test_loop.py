@@ -419,6 +419,22 @@ def test_the_learning_rate_drops_by_steps_in_a_last_shorter_epoch_too(tmp_path):
     assert rates == pytest.approx([0.01 * 0.5 ** (done // 11) for done in range(25)])
 
 
+def test_the_time_left_is_never_negative_in_a_last_shorter_epoch(tmp_path):
+    config = TrainBaselineConfig(
+        steps=25, epoch_steps=10, batch_size=8, learning_rate=0.01, decay_steps=11
+    )
+    run = new_run(tmp_path / "line.safetensors", Shortened(), config)
+    left, seconds_left = [], run._seconds_left
+
+    def recorded(steps):
+        left.append(seconds_left(steps))
+        return left[-1]
+
+    run._seconds_left = recorded
+    run.run()
+    assert min(left) >= 0.0
+
+
 def test_a_time_limit_stops_cleanly_with_a_checkpoint(tmp_path):
     request = replace(REQUEST, max_seconds=0.0)
     _, progress = trained(tmp_path / "line.safetensors", request=request)

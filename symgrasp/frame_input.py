@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from pathlib import Path
 from typing import Any
 
@@ -117,7 +118,7 @@ def _camera(intrinsics: IntrinsicsLike) -> CameraFile:
     if isinstance(intrinsics, Intrinsics):
         return CameraFile.of(intrinsics, "intrinsics")
     if isinstance(intrinsics, Mapping):
-        return camera_from_mapping(Path("intrinsics"), dict(intrinsics))
+        return camera_from_mapping(Path("intrinsics"), _as_json(intrinsics))
     found = _array("intrinsics", intrinsics)
     if found.shape not in ((4,), (9,), (3, 3)) or found.dtype.kind not in "fiu":
         expected = (
@@ -129,6 +130,27 @@ def _camera(intrinsics: IntrinsicsLike) -> CameraFile:
         return CameraFile.from_matrix(Path("intrinsics"), found.reshape(3, 3))
     fx, fy, cx, cy = (float(number) for number in found)
     return CameraFile(fx, fy, cx, cy, origin="intrinsics")
+
+
+def _as_json(value: Any) -> Any:  # noqa: ANN401 - of any type
+    """Return `value` as a camera file would hold it: mappings, lists, numbers and text.
+
+    Examples are the coefficients of OpenCV and of a `CameraInfo`, which are arrays, and the model
+    of librealsense, an enum whose text is its name.
+    """
+    match value:
+        case Enum():
+            return value.name
+        case None | bool() | int() | float() | str():
+            return value.item() if isinstance(value, np.generic) else value
+        case Mapping():
+            return {key: _as_json(each) for key, each in value.items()}
+        case _ if hasattr(value, "tolist"):
+            return value.tolist()
+        case Sequence():
+            return [_as_json(each) for each in value]
+        case _:
+            return str(value)
 
 
 def _stacked(stack: Mask) -> InstanceMasks:

@@ -68,7 +68,7 @@ def distortion_in(path: Path, content: Mapping[str, Any]) -> Distortion:
     """Return the distortion that the keys of a camera file state; none without such keys.
 
     Raises:
-        FormatError: too many coefficients, or some that are not finite.
+        FormatError: too many coefficients, some that are not finite, or no list of them.
         TypeError, ValueError: coefficients that are no numbers.
     """
     mappings = (content[key] for key in LIST_KEYS if isinstance(content.get(key), dict))
@@ -77,6 +77,9 @@ def distortion_in(path: Path, content: Mapping[str, Any]) -> Distortion:
     facts = {**content, "distortion_model": own, **below}
     model = _model(facts)
     lists = [*(below.get(key) for key in OWN_LIST_KEYS), *(content.get(key) for key in LIST_KEYS)]
+    if (other := _stated_otherwise(lists)) is not None:
+        found = f"states distortion coefficients as {other!r}"
+        raise FormatError(path, found, "a list of numbers is expected")
     values = _coefficients(facts, lists, model)
     if not np.isfinite(values).all():
         raise FormatError(path, "has distortion coefficients that are not finite", "numbers")
@@ -102,6 +105,16 @@ def _model(content: Mapping[str, Any]) -> str:
 
 def _plain(name: str) -> str:
     return name.rpartition(".")[2].strip().lower().replace("-", "_").replace(" ", "_")
+
+
+def _stated_otherwise(lists: list[Any]) -> object:
+    """Return the value among `lists` that is no list, mapping or name of a model; None if none is.
+
+    0, false and empty values state that there is no distortion.
+    """
+    others = (each for each in lists if each and not isinstance(each, list | dict))
+    names = (*MODELS, "none")
+    return next((o for o in others if not (isinstance(o, str) and _plain(o) in names)), None)
 
 
 def _coefficients(content: Mapping[str, Any], lists: list[Any], model: str) -> Array:

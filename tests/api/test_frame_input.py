@@ -1,10 +1,14 @@
 """Input of a caller: the accepted kinds, and an error sentence for every other kind."""
 
+from array import array
+from enum import IntEnum
+
 import numpy as np
 import pytest
 import torch
 
 from pipelines.errors import SymgraspError, UnknownNameError
+from pipelines.frames.lens import BROWN, FISHEYE, Distortion
 from pipelines.geometry.camera import Intrinsics
 from pipelines.inference.models import WEIGHTS
 from pipelines.storage.files import read_json
@@ -55,6 +59,40 @@ def test_depth_is_floats_in_metres_or_whole_numbers_in_millimetres_or_a_stated_u
     read = frame_of(COLOR, depth, LENS, units).depth
     assert read.dtype == np.float32
     np.testing.assert_allclose(read, 0.8, atol=1e-6)
+
+
+class LensModel:
+    """A model as librealsense has it: an enum of its own, whose text is the name."""
+
+    def __str__(self):
+        return "distortion.kannala_brandt4"
+
+
+class Model(IntEnum):
+    KANNALA_BRANDT4 = 4
+
+
+COEFFICIENTS = [0.1, -0.02, 0.01, -0.002]
+
+
+@pytest.mark.parametrize(
+    ("changed", "model"),
+    [
+        ({"D": np.array(COEFFICIENTS)}, BROWN),
+        ({"D": np.array([COEFFICIENTS])}, BROWN),  # of OpenCV's calibrateCamera
+        ({"D": tuple(COEFFICIENTS)}, BROWN),
+        ({"d": array("d", COEFFICIENTS)}, BROWN),  # of rclpy's CameraInfo
+        ({"coeffs": torch.tensor(COEFFICIENTS, dtype=torch.float64)}, BROWN),
+        ({"k1": np.float64(0.1), "k2": -0.02, "p1": 0.01, "p2": np.float64(-0.002)}, BROWN),
+        ({"distortion": {"coefficients": np.array(COEFFICIENTS)}}, BROWN),
+        ({"coeffs": COEFFICIENTS, "model": LensModel()}, FISHEYE),
+        ({"coeffs": COEFFICIENTS, "model": Model.KANNALA_BRANDT4}, FISHEYE),
+    ],
+)
+def test_lens_distortion_in_a_mapping_may_have_any_type_of_list_and_of_name(changed, model):
+    given = {"K": MATRIX, "width": np.int64(64), "height": 48} | changed
+    frame = frame_of(COLOR, DEPTH, given)
+    assert frame.removed == Distortion(model, tuple(COEFFICIENTS))
 
 
 def test_a_bundled_frame_holds_the_content_of_its_files():

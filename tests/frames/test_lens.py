@@ -123,6 +123,7 @@ def test_distortion_below_half_a_pixel_is_not_removed() -> None:
         ({"distortion": {"model": "radtan"}, "coeffs": [0.1]}, Distortion(BROWN, (0.1,))),
         ({"data": [1.0, 2.0], "fx": 1.0}, Distortion()),
         ({"distortion": "none", "fx": 1.0}, Distortion()),
+        ({"distortion": "radtan", "dist": 0, "D": ""}, Distortion()),
     ],
 )  # fmt: skip
 def test_the_distortion_keys_of_many_tools_are_known(content: dict, expected: Distortion) -> None:
@@ -133,6 +134,16 @@ def test_the_distortion_keys_of_many_tools_are_known(content: dict, expected: Di
 def test_impossible_coefficients_are_reported_in_one_sentence(D: list) -> None:
     with pytest.raises(FormatError, match=r"camera\.json"):
         camera_from_mapping(Path("camera.json"), NAMED | {"D": D})
+
+
+@pytest.mark.parametrize("stated", ["0.1 -0.2 0 0", 0.1, (0.1, -0.2)])
+def test_coefficients_that_are_no_list_are_refused_and_not_ignored(stated: object) -> None:
+    with pytest.raises(
+        FormatError, match=r"states distortion coefficients as .* a list of numbers"
+    ):
+        camera_from_mapping(Path("camera.json"), NAMED | {"dist_coeffs": stated})
+    with pytest.raises(FormatError, match="a list of numbers"):
+        camera_from_mapping(Path("camera.json"), NAMED | {"distortion": {"data": stated}})
 
 
 def test_a_yaml_of_ros_has_its_distortion(tmp_path: Path) -> None:

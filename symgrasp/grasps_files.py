@@ -1,12 +1,13 @@
 """Reading of `grasps.h5`: the grasps of each frame by the frame's name."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 from pipelines.errors import UnknownNameError
-from pipelines.grasp_files.grasps_stream import read_index, read_results
+from pipelines.grasp_files.grasps_stream import read_index, read_named
 from pipelines.grasp_files.gripper_files import gripper_to_use, load_gripper
 from pipelines.grasping.gripper import Gripper
 from symgrasp.grasps import Grasps, ordered_grasps
@@ -15,6 +16,9 @@ from symgrasp.grasps import Grasps, ordered_grasps
 @dataclass(frozen=True)
 class FileGrasps(Mapping[str, Grasps]):
     """The frames of a `grasps.h5` in the file's order, each read on demand.
+
+    The file may be written again meanwhile, as by `infer --watch`: a frame of `names` is found at
+    its new place, or an error says that it is gone.
 
     Attributes:
         path: the file.
@@ -25,11 +29,14 @@ class FileGrasps(Mapping[str, Grasps]):
     path: Path
     names: tuple[str, ...]
     gripper: Gripper
+    _config: Mapping[str, Any] = field(
+        repr=False, compare=False
+    )  # settings of the run that wrote the file
 
     def __getitem__(self, name: str) -> Grasps:
         if name not in self._places:
             raise UnknownFrameError(f"frame of {self.path}", name, self.names)
-        (result,) = read_results(self.path, [self._places[name]])
+        result = read_named(self.path, name, self._places[name], self._config)
         return ordered_grasps(result, self.gripper)
 
     def __iter__(self) -> Iterator[str]:
@@ -63,4 +70,4 @@ def read_grasps(path: Path | str, gripper: str | Path | Gripper | None = None) -
     if not isinstance(gripper, Gripper):
         name = "" if gripper is None else str(gripper)
         gripper = load_gripper(gripper_to_use(name, index.gripper, index.stamp))
-    return FileGrasps(path, tuple(index.names), gripper)
+    return FileGrasps(path, tuple(index.names), gripper, index.attrs["config"])

@@ -113,6 +113,25 @@ def read_results(path: Path, frames: Iterable[int]) -> Iterator[FrameResult]:
             yield read_result(path, file, frame)
 
 
+def read_named(path: Path, name: str, place: int, config: Mapping[str, Any]) -> FrameResult:
+    """Return the frame `name`, at the index `place` unless the file has been written again.
+
+    `config`: settings of the run that wrote the file when `place` was found.
+
+    Raises:
+        SymgraspError: the file has been written again, with other settings or without the frame.
+        FormatError: as in `read_index`.
+    """
+    with opened(path) as file:
+        names = file["frames/name"].asstr()
+        if place >= len(names) or names[place] != name:
+            place = next(iter(np.flatnonzero(names[:] == name).tolist()), -1)
+        if place < 0 or file_attributes(file)["config"] != config:
+            change = f"without the frame {name!r}" if place < 0 else "with other settings"
+            raise SymgraspError(f"{path} has been written again {change}; call read_grasps again")
+        return read_result(path, file, place)
+
+
 def read_dataset_frames(path: Path, frames: Iterable[int]) -> Iterator[FrameResult]:
     """Yield frames as in `read_results`, with the names of `GraspsIndex.dataset_names`."""
     frames = list(frames)

@@ -75,6 +75,25 @@ def test_a_gripper_whose_file_is_gone_or_has_changed_must_be_named(tmp_path):
     assert len(read_grasps(gone, "rg2")["s/a"].poses()) == 5
 
 
+def test_frames_keep_their_names_when_the_file_is_written_again(tmp_path):
+    path = written(tmp_path / "g.h5")
+    frames = read_grasps(path)
+    first = frames["s/a"]
+    stamp = make_stamp("infer", {"gripper": "franka"})
+    added = random_result(RNG, 3, "a")
+    grasps_file.write(path, [added, *RESULTS[:2]], stamp)
+    np.testing.assert_array_equal(frames["s/a"].width, first.width)
+    assert (frames["s/a"].name, frames["b"].name) == ("s/a", "b")
+    with pytest.raises(SymgraspError, match=r"again without the frame 'c'; call read_grasps again"):
+        frames["c"]
+    grasps_file.write(path, [added], stamp)
+    with pytest.raises(SymgraspError, match=r"again without the frame 'b'"):
+        frames["b"]
+    written(path, "rg2")
+    with pytest.raises(SymgraspError, match=r"g\.h5 has been written again with other settings"):
+        frames["b"]
+
+
 def test_a_file_of_version_1_is_read(tmp_path):
     written_by_version_1(tmp_path / "g.h5", RESULTS)
     frames = read_grasps(tmp_path / "g.h5")

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pipelines.configs import InferConfig, check_settings
 from pipelines.configs.presets import preset_settings
@@ -114,10 +114,15 @@ class GraspDetector:
         Raises:
             SymgraspError: an argument is invalid; the message names the argument and the reason.
         """
-        result, ids = self._planned(
-            color, depth, intrinsics, masks, workspace, depth_units_per_metre
+        result = self.frame_result(
+            color,
+            depth,
+            intrinsics,
+            masks=masks,
+            workspace=workspace,
+            depth_units_per_metre=depth_units_per_metre,
         )
-        return ordered_grasps(result, self.gripper, ids)
+        return ordered_grasps(result, self.gripper)
 
     def frame_result(
         self,
@@ -130,18 +135,6 @@ class GraspDetector:
         depth_units_per_metre: float | None = None,
     ) -> FrameResult:
         """Return regions and grasps as in `grasps.h5`; arguments and errors as of `__call__`."""
-        return self._planned(color, depth, intrinsics, masks, workspace, depth_units_per_metre)[0]
-
-    def _planned(
-        self,
-        color: ArrayLike,
-        depth: ArrayLike,
-        intrinsics: IntrinsicsLike,
-        masks: ArrayLike | None,
-        workspace: ArrayLike | None,
-        depth_units_per_metre: float | None,
-    ) -> tuple[FrameResult, NDArray[np.int32] | None]:
-        """Return the result of a frame, and the ids of its masks, if there are any."""
         frame = frame_of(color, depth, intrinsics, depth_units_per_metre)
         instances = instance_masks(masks, frame.depth.shape)
         mask, box = workspace_of(workspace, frame.depth.shape)
@@ -156,7 +149,14 @@ class GraspDetector:
             labels = None if instances is None else frame.undistorted(instances.labels)
             allowed = None if mask is None else frame.undistorted(mask)
             result = planner.plan(frame, rng, labels, allowed)
-        return result, None if instances is None else frame.undistorted(instances.ids)
+        return result if instances is None else _numbered(result, instances.first)
+
+
+def _numbered(result: FrameResult, first: int) -> FrameResult:
+    """Return `result` with the caller's numbers of instances, of which label 1 has `first`."""
+    labels = result.regions.instance
+    instance = np.where(labels > 0, labels - 1 + first, -1)
+    return replace(result, regions=replace(result.regions, instance=instance))
 
 
 def _gripper(gripper: object, default: str) -> tuple[Gripper, str]:

@@ -26,11 +26,11 @@ class InstanceMasks:
 
     Attributes:
         labels: (H, W) int32, one number above 0 for each instance, 0 elsewhere.
-        ids: (H, W) int32, the caller's number of the instance: an id, or an index in a stack.
+        first: the caller's number of label 1: 1 for ids, 0 for indices in a stack.
     """
 
     labels: NDArray[np.int32]
-    ids: NDArray[np.int32]
+    first: int = 1
 
 
 def frame_of(
@@ -75,8 +75,7 @@ def instance_masks(masks: ArrayLike | None, shape: tuple[int, ...]) -> InstanceM
     low, high = (int(found.min()), int(found.max())) if found.size else (0, 0)
     if low < 0 or high > LARGEST_ID:
         raise ValueRangeError("masks", f"between {low} and {high}", f"0 to {LARGEST_ID}")
-    labels = found.astype(np.int32)
-    return InstanceMasks(labels, labels)
+    return InstanceMasks(found.astype(np.int32))
 
 
 def workspace_of(
@@ -157,8 +156,8 @@ def _stacked(stack: Mask) -> InstanceMasks:
     """Return the instances of (n, H, W) masks; a pixel of several masks belongs to the first."""
     background = np.ones_like(stack, shape=(1, *stack.shape[1:]))
     first = np.concatenate([stack, background]).argmax(axis=0)
-    ids = np.where(first < len(stack), first, -1).astype(np.int32)
-    return InstanceMasks(ids + 1, ids)
+    labels = np.where(first < len(stack), first + 1, 0).astype(np.int32)
+    return InstanceMasks(labels, first=0)
 
 
 def _array(name: str, values: object) -> NDArray[Any]:

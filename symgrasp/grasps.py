@@ -97,7 +97,8 @@ class Grasps:
         gripper: the gripper of `poses` and `opening`.
         name: name of the frame, if it comes from a file.
         status: `ok`, `empty` (nothing to grasp), or in a file `failed`.
-        message: reason why there are no grasps; empty if there are grasps.
+        message: reason why there are no grasps; with grasps a note, such as on masks that are too
+            small, or empty.
         intrinsics: of the depth image; None if the frame could not be read.
     """
 
@@ -167,7 +168,8 @@ class Grasps:
             SymgraspError: there is no grasp; the message gives the reason.
         """
         if not len(self):
-            raise SymgraspError(f"there is no grasp: {self.message or 'all were left out'}")
+            reason = "all were left out" if self.status == "ok" else self.message
+            raise SymgraspError(f"there is no grasp: {reason}")
         return self[0]
 
     @property
@@ -199,20 +201,15 @@ class Grasps:
         return f"Grasps({len(self)} in {len(self.regions)} regions{best})"
 
 
-def ordered_grasps(
-    result: FrameResult, gripper: Gripper, ids: NDArray[np.int32] | None = None
-) -> Grasps:
-    """Return the grasps of a frame in the order of `rank_in_frame`.
-
-    `ids`: (H, W) ids of the masks that the regions were made of; None for detected regions.
-    """
+def ordered_grasps(result: FrameResult, gripper: Gripper) -> Grasps:
+    """Return the grasps of a frame in the order of `rank_in_frame`."""
     order = np.argsort(result.grasps.rank_in_frame)
     columns = {name: getattr(result.grasps, name)[order] for name in GRASP_COLUMNS}
     for column in columns.values():
         column.flags.writeable = False
     return Grasps(
         **columns,
-        regions=regions_of(result.regions, result.size, ids),
+        regions=regions_of(result.regions, result.size),
         gripper=gripper,
         name=result.name,
         status=result.status,

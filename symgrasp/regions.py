@@ -75,20 +75,13 @@ class FoundRegion:
         return f"FoundRegion({self.source}, box {self.box.tolist()}, {found or 'no symmetry'})"
 
 
-def regions_of(
-    table: RegionTable, size: tuple[int, int], ids: NDArray[np.int32] | None = None
-) -> tuple[FoundRegion, ...]:
-    """Return the regions of a frame.
-
-    `size`: width and height of the frame. `ids`: (H, W) ids of the masks that the regions were made
-    of; None if the regions were detected.
-    """
-    return tuple(_region(table, place, size, ids) for place in range(len(table)))
+def regions_of(table: RegionTable, size: tuple[int, int]) -> tuple[FoundRegion, ...]:
+    """Return the regions of a frame; `size` is its width and height."""
+    return tuple(_region(table, place, size) for place in range(len(table)))
 
 
-def _region(
-    table: RegionTable, place: int, size: tuple[int, int], ids: NDArray[np.int32] | None
-) -> FoundRegion:
+def _region(table: RegionTable, place: int, size: tuple[int, int]) -> FoundRegion:
+    instance = int(table.instance[place])
     start, end = table.mask_start[place : place + 2]
     runs = table.mask_counts[start:end]
     return FoundRegion(
@@ -99,8 +92,7 @@ def _region(
         symmetries=_symmetries(table, place),
         affordance_mean=float(table.affordance_mean[place]),
         affordance_max=float(table.affordance_max[place]),
-        # Runs go down the columns; the first run counts pixels outside the mask.
-        instance=None if ids is None else int(ids.ravel(order="F")[runs[0]]),
+        instance=None if instance < 0 else instance,
         _runs=runs,
         _size=size,
     )

@@ -46,7 +46,7 @@ from pipelines.storage.h5_columns import (
 from pipelines.storage.h5_files import new_h5, open_h5
 from pipelines.storage.provenance import Stamp
 
-FORMAT_VERSION, OLDEST_VERSION = 5, 1
+FORMAT_VERSION, OLDEST_VERSION = 6, 1
 LONGEST_PART_NAME = 200  # characters of a part's file name; file systems take 255 bytes
 AXES = "camera, OpenCV axes: x right, y down, z forward"
 GRASP_FRAME = "columns approach, closing, approach x closing; origin midway between the contacts"
@@ -62,6 +62,7 @@ ADDED = {  # version to the columns that it added; before 2, `existence` was the
     3: ("rank_in_frame", "worth_trying"),
     4: ("status",),
     5: ("symmetry_source",),
+    6: ("instance",),
 }
 
 
@@ -143,6 +144,7 @@ def stored_columns(file: h5py.File) -> dict[str, list[str]]:
 def complete_columns(regions: dict[str, Any], grasps: dict[str, Any], file: h5py.File) -> None:
     """Add the columns that older versions lack, from the attributes of the open `file`."""
     regions.setdefault("status", np.full(len(regions["box"]), REGION_MEASURED, object))
+    regions.setdefault("instance", np.full(len(regions["box"]), -1))
     grasps.setdefault("symmetry_source", np.full(len(grasps["width"]), "", object))
     if "symmetry_confidence" not in regions:
         regions["symmetry_confidence"] = regions["existence"]

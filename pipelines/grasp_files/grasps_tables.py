@@ -43,6 +43,7 @@ class RegionTable(ColumnTable):
     affordance_max: NDArray[Any] = table_column((), np.float32)
     source: NDArray[Any] = table_column((), np.object_)  # detector, geometric, color, masks or rest
     status: NDArray[Any] = table_column((), np.object_)  # measured, flat or no_depth
+    instance: NDArray[Any] = table_column((), np.int32)  # id in the user's masks, -1 without
     mask_counts: NDArray[Any]  # u4 (sum,) run lengths of all masks, see masks_rle.py
     mask_start: NDArray[Any]  # i8 (r + 1,) start and end of each mask's runs
 
@@ -59,7 +60,7 @@ class RegionTable(ColumnTable):
     def from_masks(cls, masks: Sequence[Mask], **columns: ArrayLike) -> "RegionTable":
         """Return the table of one frame's regions, given their masks (H, W) and other `columns`.
 
-        Without these columns `existence` is nan, `status` measured.
+        Without these columns `existence` is nan, `status` measured, `instance` -1.
         """
         runs = [encode_mask(mask) for mask in masks]
         usual: dict[str, Any] = {
@@ -67,6 +68,7 @@ class RegionTable(ColumnTable):
             "box": [box_of_mask(mask) for mask in masks],
             "existence": np.full((len(masks), NUM_SLOTS), np.nan),
             "status": [REGION_MEASURED] * len(masks),
+            "instance": np.full(len(masks), -1),
             "mask_counts": np.concatenate(runs) if runs else NO_COLUMN,
             "mask_start": np.cumsum([0, *map(len, runs)]),
         }

@@ -21,7 +21,12 @@ from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.ranking.ranking import Critic
 from pipelines.grasping.scene import RegionCloud
 from pipelines.grasping.symmetries.grounding import SymmetryCritics
-from pipelines.inference.observation import Observation, observe, why_empty
+from pipelines.inference.observation import (
+    Observation,
+    dropped_instances,
+    observe,
+    why_empty,
+)
 from pipelines.inference.peers.frame_plans import (
     MOST_GRASPS,
     OWN_SCORE,
@@ -111,10 +116,11 @@ class Planner:
             config, ranker = replace(config, max_grasps_per_region=MOST_GRASPS), OWN_SCORE
             reason = f"{config.method} finds no allowed grasp with a sufficient score"
         grasps = grasp_table(plans, config, ranker)
+        note = "" if masks is None else dropped_instances(observation)
         return FrameResult(
             name=frame.name,
             status="ok" if len(grasps) else "empty",
-            message="" if len(grasps) else why_all_weak(plans) or reason,
+            message=note if len(grasps) else why_all_weak(plans) or reason,
             intrinsics=frame.intrinsics,
             seconds=time.monotonic() - started,
             regions=region_table(regions, plans),

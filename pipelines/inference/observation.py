@@ -172,16 +172,21 @@ def why_empty(observation: Observation, *, by_masks: bool = False) -> str:
     """
     if not by_masks:
         return _why_none_graspable(observation)
-    total = len(observation.regions) + observation.too_small
-    if not total:
+    if not observation.regions and not observation.too_small:
         return "the masks contain no instance; number the pixels of each instance, from 1"
     reasons = [_why_none_graspable(observation)] if observation.regions else []
-    if observation.too_small:
-        small = (
-            f"{observation.too_small} of {total} instances of the masks were dropped as too small"
-        )
-        reasons += [small, f"an instance needs {observation.min_region_pixels} pixels"]
-    return "; ".join(reasons)
+    return "; ".join(filter(None, [*reasons, dropped_instances(observation)]))
+
+
+def dropped_instances(observation: Observation) -> str:
+    """Return a sentence on the instances of the user's masks that are too small, if any are."""
+    if not observation.too_small:
+        return ""
+    total = len(observation.regions) + observation.too_small
+    return (
+        f"{observation.too_small} of {total} instances of the masks were dropped as too small; "
+        f"an instance needs {observation.min_region_pixels} pixels"
+    )
 
 
 def _place_of_regions(observation: Observation) -> str:

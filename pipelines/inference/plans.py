@@ -65,6 +65,7 @@ def region_table(regions: list[Region], plans: list[Plan]) -> RegionTable:
         confidence=[region.confidence for region in regions],
         source=[region.source for region in regions],
         status=[region.status for region in regions],
+        instance=[region.instance for region in regions],
         existence=np.array([plan.existence for plan in plans]).reshape(-1, 5),
         symmetry_confidence=np.array([s.probability for s in symmetries]).reshape(-1, 5),
         symmetry_point=np.array([s.point for s in symmetries]).reshape(-1, 5, 3),

@@ -39,6 +39,7 @@ class Region:
         status: `measured`; `flat` if its depth cannot be distinguished from the table's;
             `no_depth` if hardly any depth was measured.
         is_rated: whether the detector did not find the region, but has rated it (D. 147).
+        instance: id in the user's masks; -1 without.
     """
 
     mask: Mask
@@ -46,6 +47,7 @@ class Region:
     source: str
     status: str = REGION_MEASURED
     is_rated: bool = False
+    instance: int = -1
 
     @property
     def is_graspable(self) -> bool:
@@ -69,7 +71,7 @@ def find_regions(
     if masks is not None:
         ids, sizes = np.unique(masks[masks > 0], return_counts=True)
         enough = sizes >= config.min_region_pixels
-        regions = [Region(masks == number, 1.0, "masks") for number in ids[enough]]
+        regions = [Region(masks == i, 1.0, "masks", instance=i) for i in ids[enough].tolist()]
         return regions, int(np.count_nonzero(~enough))
     regions = _from_detections(detections, depth > 0, segments, config)
     if config.regions != "detector":

@@ -103,6 +103,7 @@ def test_the_users_masks_become_the_regions_and_number_their_instances(light):
     stacked = light(COLOR, DEPTH, CAMERA, masks=[INDEX == 1, INDEX == 0])
     assert [r.instance for r in stacked.regions] == [0, 1]
     assert_same(stacked, by_id)
+    assert light.frame_result(COLOR, DEPTH, CAMERA, masks=ids).regions.instance.tolist() == [4, 9]
 
 
 def test_a_detector_that_another_process_receives_finds_the_same_grasps(light):

@@ -8,7 +8,7 @@ import pytest
 from pipelines.errors import SymgraspError, UnknownNameError
 from pipelines.grasp_files.exports.export_poses import ExportGripper
 from pipelines.grasp_files.exports.grasp_exports import FrameGrasps
-from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable
+from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable
 from symgrasp import Grasp, Grasps
 from symgrasp.grasps import ordered_grasps
 from tests.grasp_files.exports.gripper_toys import CAMERA, random_gripper, random_result
@@ -149,21 +149,15 @@ def test_regions_have_their_masks():
 
 
 def test_regions_from_masks_have_the_numbers_of_the_masks():
-    ids = np.zeros((12, 16), np.int32)
-    masks = [np.zeros((12, 16), bool) for _ in range(2)]
-    for mask, id_, place in zip(masks, (7, 0), ((3, 4), (0, 9)), strict=True):
-        mask[place], ids[place] = True, id_
-    table = RESULT.regions
-    regions = RegionTable.from_masks(
-        masks,
-        **{
-            name: getattr(table, name)[:2]
-            for name in RegionTable.SPEC
-            if name not in ("frame", "box")
-        },
-    )
-    grasps = ordered_grasps(FrameResult("f", "empty", "", CAMERA, 0.0, regions), GRIPPER, ids)
-    assert [region.instance for region in grasps.regions] == [7, 0]
+    regions = replace(RESULT.regions, instance=[7, 0, -1])
+    grasps = ordered_grasps(replace(RESULT, regions=regions), GRIPPER)
+    assert [region.instance for region in grasps.regions] == [7, 0, None]
+
+
+def test_without_a_grasp_that_is_left_the_reason_is_not_the_note_of_a_frame_with_grasps():
+    noted = ordered_grasps(replace(RESULT, message="1 of 4 instances were dropped"), GRIPPER)
+    with pytest.raises(SymgraspError, match="there is no grasp: all were left out"):
+        _ = noted[noted.width > 9.0].best
 
 
 def test_grasps_and_regions_are_printed_as_one_line():

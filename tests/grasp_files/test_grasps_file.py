@@ -132,7 +132,7 @@ def test_attributes_record_how_the_file_was_made(tmp_path: Path) -> None:
     assert file.attrs["config"] == {"gripper": "rg2"}
     assert file.attrs["weights"] == {"network": "sha256:00"}
     assert file.attrs["seed"] == 3
-    assert file.attrs["format_version"] == 5
+    assert file.attrs["format_version"] == 6
 
 
 def test_the_public_columns_have_their_types_and_units(
@@ -204,7 +204,7 @@ def written_by_version_1(path: Path, results: list[FrameResult]) -> None:
     with h5py.File(path, "r+") as file:
         file.attrs["format_version"] = 1
         del file["grasps/ranker"], file["regions/existence"], file["regions/status"]
-        del file["grasps/symmetry_source"]
+        del file["grasps/symmetry_source"], file["regions/instance"]
         file.move("regions/symmetry_confidence", "regions/existence")
 
 
@@ -253,6 +253,17 @@ def test_a_file_of_version_2_gets_its_order_and_the_mark_of_grasps_worth_trying(
     assert table.rank_in_frame.tolist() == critic.rank_in_frame.tolist()
     assert table.worth_trying.tolist() == (critic.rank_score >= 0.3).tolist()
     assert not table.worth_trying.all()
+
+
+def test_a_file_of_version_5_has_no_instances(tmp_path: Path, results: list[FrameResult]) -> None:
+    numbered = replace(results[0].regions, instance=[7, 2])
+    path = tmp_path / "g.h5"
+    grasps_file.write(path, [replace(results[0], regions=numbered), *results[1:]], STAMP)
+    assert read_whole(path).regions.instance.tolist() == [7, 2, -1, -1, -1]
+    with h5py.File(path, "a") as file:
+        file.attrs["format_version"] = 5
+        del file["regions/instance"]
+    assert read_whole(path).regions.instance.tolist() == [-1] * 5
 
 
 def test_a_file_of_a_later_version_is_refused(tmp_path: Path) -> None:

@@ -277,6 +277,18 @@ def test_every_reason_for_instances_without_grasps_is_reported():
     assert "1 of 2 instances of the masks were dropped as too small" in message
 
 
+def test_instances_keep_their_ids_where_others_are_too_small_which_is_noted():
+    masks = np.where(INDEX == 0, 7, 0).astype(np.int32)
+    masks[:5, :6] = 1
+    planner = Planner(replace(CONFIG, method="planar"), load_gripper("rg2"))
+    result = planner.plan(FRAME, np.random.default_rng(0), masks)
+    assert result.status == "ok"
+    assert result.regions.instance.tolist() == [7]
+    assert result.message.startswith("1 of 2 instances of the masks were dropped as too small; ")
+    masks[:5, :6] = 0
+    assert not planner.plan(FRAME, np.random.default_rng(0), masks).message
+
+
 def test_masks_without_instances_are_reported_to_show_none():
     assert "masks contain no instance" in of_masks(np.zeros(DEPTH.shape))
 

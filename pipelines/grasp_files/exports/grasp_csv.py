@@ -22,7 +22,7 @@ COLUMNS = (
     *("affordance", "source", "symmetry"),
     *(f"contact{finger}_{axis}" for finger in (1, 2) for axis in "xyz"),
     *("width", "opening", "pose_x", "pose_y", "pose_z"),
-    *("pose_qx", "pose_qy", "pose_qz", "pose_qw"),
+    *("pose_qx", "pose_qy", "pose_qz", "pose_qw", "instance"),
 )
 
 
@@ -70,7 +70,7 @@ def _head(header: ExportHeader) -> dict[str, str]:
 
 
 def _rows(frame: FrameGrasps) -> Iterator[list[Any]]:
-    table, quaternions = frame.result.grasps, frame.quaternions
+    table, quaternions, instances = frame.result.grasps, frame.quaternions, frame.instances
     contacts, position = frame.grasps.contacts.reshape(-1, 6), frame.poses[:, :3, 3]
     widths = frame.grasps.width, frame.opening
     numbers = np.column_stack([contacts, *widths, position, quaternions[:, [1, 2, 3, 0]]])
@@ -87,4 +87,5 @@ def _rows(frame: FrameGrasps) -> Iterator[list[Any]]:
             _as_text(str(table.source[i])),
             symmetry,
             *row,
+            int(instances[i]),
         ]

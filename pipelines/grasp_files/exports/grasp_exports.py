@@ -94,6 +94,11 @@ class FrameGrasps:
         slots = self.result.grasps.symmetry_slot.tolist()
         return [KIND_OF_SLOT[slot] if slot >= 0 else "none" for slot in slots]
 
+    @property
+    def instances(self) -> NDArray[np.int32]:
+        """Id (g,) of each grasp's region in the user's masks; -1 without masks."""
+        return np.asarray(self.result.regions.instance[self.result.grasps.region])
+
 
 @dataclass(frozen=True)
 class ExportHeader:

@@ -66,6 +66,7 @@ def _grasps(frame: FrameGrasps) -> list[dict[str, Any]]:
         "rank_in_frame": table.rank_in_frame.tolist(),
         "grasp": frame.rows.tolist(),
         "region": table.region.tolist(),
+        "instance": frame.instances.tolist(),
         "is_best": table.is_best.tolist(),
         "rank_score": rounded(table.rank_score),
         "worth_trying": table.worth_trying.tolist(),

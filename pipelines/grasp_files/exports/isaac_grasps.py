@@ -38,7 +38,7 @@ def _head(header: ExportHeader) -> list[str]:
 def _grasps(frame: FrameGrasps) -> Iterator[str]:
     joint = FINGER_JOINTS.get(frame.gripper.model.name)
     table, width, opening = frame.result.grasps, frame.grasps.width, frame.opening
-    rank, worth = table.rank_score, table.worth_trying
+    rank, worth, instances = table.rank_score, table.worth_trying, frame.instances
     positions, quaternions = frame.poses[:, :3, 3], frame.quaternions
     yield "grasps:"
     for i in range(len(frame)):
@@ -52,6 +52,7 @@ def _grasps(frame: FrameGrasps) -> Iterator[str]:
         yield f"    worth_trying: {str(bool(worth[i])).lower()}"
         yield f"    contact_width: {width[i]:.9f}"
         yield f"    opening: {opening[i]:.9f}"
+        yield f"    instance: {instances[i]}"
 
 
 def _row(values: Array) -> str:

@@ -39,6 +39,7 @@ def write_frame(path: Path, frame: FrameGrasps, header: ExportHeader) -> None:
         "openings": rounded(frame.opening),
         "scores": rounded(table.rank_score),
         "regions": table.region.tolist(),
+        "instances": frame.instances.tolist(),
         "is_best": table.is_best.tolist(),
         "worth_trying": table.worth_trying.tolist(),
         "provenance": header.stamp,

@@ -1,5 +1,7 @@
 """Random frames of random grasps, and the gripper that they are exported for."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from pipelines.geometry.camera import Intrinsics
@@ -13,6 +15,12 @@ from tests.stages.toy_root import grasp_table
 
 CAMERA = Intrinsics(300.0, 301.0, 7.5, 5.5, 16, 12)
 HEADER_STAMP = {"stage": "export", "config": {}, "seed": 0, "inputs": {}, "version": "1"}
+
+
+def numbered(frame: FrameGrasps, instances: tuple[int, ...]) -> FrameGrasps:
+    """The frame as found in the user's masks: `instances` are the ids of its regions."""
+    regions = replace(frame.result.regions, instance=instances)
+    return replace(frame, result=replace(frame.result, regions=regions))
 
 
 def random_gripper(rng) -> Gripper:

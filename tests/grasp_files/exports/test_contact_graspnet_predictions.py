@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from pipelines.grasp_files.exports import contact_graspnet_predictions as predictions
 from pipelines.storage.array_files import read_npz
-from tests.grasp_files.exports.gripper_toys import random_frame
+from tests.grasp_files.exports.gripper_toys import numbered, random_frame
 
 DOCUMENT = Path(__file__).resolve().parents[3] / "docs/reference/formats.md"
 
@@ -50,6 +50,15 @@ def test_the_documented_lines_give_contact_graspnets_own_dicts(frame):
     for segment, found_poses in poses.items():
         assert len(found_poses) == (region == segment - 1).sum()
         assert_allclose(scores[segment], frame.result.grasps.rank_score[region == segment - 1])
+
+
+def test_grasps_outside_of_the_users_masks_are_background(tmp_path):
+    frame, header = random_frame(np.random.default_rng(3), 9, name="x")
+    assert set(frame.result.grasps.region) == {0, 1, 2}
+    predictions.write_frame(tmp_path / "p.npz", numbered(frame, (3, 1, -1)), header)
+    with np.load(tmp_path / "p.npz") as arrays:
+        segments = {name for name in arrays.files if name.startswith("scores/")}
+    assert segments == {"scores/0", "scores/1", "scores/3"}
 
 
 def test_a_frame_without_grasps_has_no_segments(tmp_path):

@@ -20,7 +20,12 @@ from pipelines.grasp_files.exports.grasp_exports import FrameGrasps, frame_path
 from pipelines.grasp_files.grasps_tables import GraspTable
 from tests.docs.test_formats_document import TYPES, block, keys_of
 from tests.grasp_files.exports import export_readers
-from tests.grasp_files.exports.gripper_toys import random_frame, random_gripper, random_result
+from tests.grasp_files.exports.gripper_toys import (
+    numbered,
+    random_frame,
+    random_gripper,
+    random_result,
+)
 
 FILES = {
     "graspnet": ("a/b.npy", export_readers.graspnet),
@@ -57,6 +62,35 @@ def test_contacts_come_back_from_every_format(to, seed, count):
     contacts = exported(to, frame, header)
     assert contacts.shape == (count, 2, 3)
     assert_allclose(contacts, frame.result.grasps.contacts, atol=1e-6)
+
+
+def test_every_file_names_the_instances_of_the_users_masks(tmp_path):
+    frame, header = random_frame(np.random.default_rng(2), 9)
+    ids = 4, 2, 9  # of the regions
+    frame = numbered(frame, ids)
+    expected = [ids[region] for region in frame.result.grasps.region]
+    assert len(set(expected)) == 3
+    for to in ("json", "csv"):
+        TO_FILE[to](tmp_path / to, [frame], header)
+    rows = export_readers.csv_rows(tmp_path / "csv")
+    assert [int(row["instance"]) for row in rows] == expected
+    (whole,) = json.loads((tmp_path / "json").read_text())["frames"]
+    assert [grasp["instance"] for grasp in whole["grasps"]] == expected
+    for to in ("ros-json", "isaac", "contact-graspnet"):
+        TO_FOLDER[to][0](tmp_path / to, frame, header)
+    assert json.loads((tmp_path / "ros-json").read_text())["instances"] == expected
+    grasps = export_readers.yaml_content(tmp_path / "isaac")["grasps"]
+    assert [grasp["instance"] for grasp in grasps.values()] == expected
+    with np.load(tmp_path / "contact-graspnet") as arrays:
+        ranks = {i: arrays[f"rank_in_frame/{i}"].tolist() for i in ids}
+    assert ranks == {i: [r for r, mine in enumerate(expected) if mine == i] for i in ids}
+
+
+def test_without_masks_there_are_no_instances(tmp_path):
+    frame, header = random_frame(np.random.default_rng(2), 9)
+    TO_FILE["json"](tmp_path / "json", [frame], header)
+    (whole,) = json.loads((tmp_path / "json").read_text())["frames"]
+    assert [grasp["instance"] for grasp in whole["grasps"]] == [-1] * 9
 
 
 @few

@@ -88,7 +88,7 @@ def workspace_of(
     if found.dtype == bool and found.shape == shape:
         return found, ()
     expected = f"a bool mask of the depth's size {shape}, or x0, y0, z0, x1, y1, z1 in metres"
-    if found.size != 6 or found.dtype.kind not in "fiu":
+    if found.shape not in ((6,), (2, 3)) or found.dtype.kind not in "fiu":
         raise ValueRangeError("workspace", _described(found), expected)
     box = found.ravel().astype(np.float64)
     if not (np.isfinite(box).all() and (box[:3] < box[3:]).all()):

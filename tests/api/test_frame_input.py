@@ -229,6 +229,8 @@ def test_a_workspace_is_a_mask_or_a_box():
         (np.ones((10, 20), bool), r"workspace is an array \(10, 20\) of bool"),
         (np.ones(SHAPE, np.uint8), r"workspace is an array \(48, 64\) of uint8; .*bool mask"),
         ((0, 0, 0, 1, 1), r"workspace is an array \(5,\)"),
+        ([[0, 1], [0, 1], [0, 1]], r"workspace is an array \(3, 2\)"),  # limits of each axis
+        ([[[0, 0, 0, 1, 1, 1]]], r"workspace is an array \(1, 1, 6\)"),
         ((0, 0, 0, 1, -1, 1), r"workspace is \[0.0, .*each minimum below its maximum"),
         ((0, 0, 0, 1, np.nan, 1), "workspace is"),
         ("left", "workspace is 'left'"),

@@ -39,6 +39,12 @@ def array_of(image: Any) -> NDArray[Any]:
     return pixels.reshape(image.height, image.width, channels)[:, :, COLORS[encoding]]
 
 
+def matrix_of(camera: Any) -> NDArray[np.float64]:
+    """Return the (3, 3) camera matrix of rectified images: of P, or of K without a P."""
+    projection = np.reshape(camera.p, (3, 4))[:, :3]
+    return projection if projection.any() else np.reshape(camera.k, (3, 3))
+
+
 def pose_of(matrix: NDArray[np.float64]) -> Any:
     """Return the (4, 4) pose `matrix` as a Pose."""
     place = dict(zip("xyz", matrix[:3, 3].tolist(), strict=True))
@@ -54,7 +60,7 @@ def answer(node: Any, detector: GraspDetector) -> None:
 
     def publish(color: Any, depth: Any, camera: Any) -> None:
         try:
-            grasps = detector(array_of(color), array_of(depth), np.reshape(camera.k, (3, 3)))
+            grasps = detector(array_of(color), array_of(depth), matrix_of(camera))
         except SymgraspError as error:
             node.get_logger().warning(str(error))
             return

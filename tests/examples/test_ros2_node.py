@@ -48,10 +48,13 @@ def answering(example, node, detector):
     return ros_stand_ins.SYNCHRONIZED[-1].deliver
 
 
-def camera_info():
-    fx, fy, cx, cy = LENS
+def camera_info(k=LENS, p=(0.0,) * 4):
+    """A CameraInfo; `k` and `p` are fx, fy, cx, cy of the images as taken and as rectified."""
+    fx, fy, cx, cy = k
     k = [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
-    return ros_stand_ins.message_type("sensor_msgs/msg/CameraInfo")(header=HEADER, k=k)
+    fx, fy, cx, cy = p
+    p = [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, float(fx > 0), 0.0]
+    return ros_stand_ins.message_type("sensor_msgs/msg/CameraInfo")(header=HEADER, k=k, p=p)
 
 
 @pytest.mark.parametrize(
@@ -99,6 +102,19 @@ def test_a_frame_becomes_poses_widths_and_openings_in_the_frame_of_the_depth(exa
     np.testing.assert_allclose(widths.data, expected.width)
     np.testing.assert_allclose(openings.data, expected.opening)
     assert not node.warnings
+
+
+def test_rectified_images_have_the_camera_of_the_projection_matrix(example, node):
+    fx, fy, cx, cy = LENS
+    camera = camera_info(k=(1.02 * fx, 1.02 * fy, cx - 3.0, cy + 2.0), p=LENS)
+    detector = light_detector("franka")
+    deliver = answering(example, node, detector)
+    deliver(image(COLOR, "rgb8"), image(MILLIMETRES, "16UC1"), camera)
+    (poses,) = node.publishers["grasps"].published
+    expected = detector(COLOR, MILLIMETRES, LENS).poses()
+    assert len(poses.poses) == len(expected) > 0
+    found = [[p.position.x, p.position.y, p.position.z] for p in poses.poses]
+    np.testing.assert_allclose(found, expected[:, :3, 3])
 
 
 def test_a_frame_without_grasps_publishes_none_and_a_wrong_frame_gives_a_warning(example, node):

@@ -7,7 +7,7 @@
 """
 
 import argparse
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +21,7 @@ class CameraFrame(NamedTuple):
 
     color: NDArray[np.uint8]  # (H, W, 3) RGB
     depth: NDArray[Any]  # (H, W) metres, 0 or nan = missing
-    intrinsics: tuple[float, float, float, float]  # fx, fy, cx, cy of both images, pixels
+    intrinsics: Mapping[str, Any]  # of both images, with the keys of a camera file
 
 
 def realsense_frames(width: int = 848, height: int = 480, rate: int = 30) -> Iterator[CameraFrame]:
@@ -39,11 +39,11 @@ def realsense_frames(width: int = 848, height: int = 480, rate: int = 30) -> Ite
             frames = align.process(pipeline.wait_for_frames())
             color, depth = frames.get_color_frame(), frames.get_depth_frame()
             lens = color.profile.as_video_stream_profile().get_intrinsics()
-            yield CameraFrame(
-                np.array(color.get_data()),
-                np.asarray(depth.get_data()) * metres,
-                (lens.fx, lens.fy, lens.ppx, lens.ppy),
-            )
+            names = ("width", "height", "fx", "fy", "ppx", "ppy")
+            facts = {name: getattr(lens, name) for name in names}
+            facts |= {"coeffs": list(lens.coeffs), "model": str(lens.model)}  # lens distortion
+            image, distances = np.array(color.get_data()), np.asarray(depth.get_data()) * metres
+            yield CameraFrame(image, distances, facts)
     finally:
         pipeline.stop()
 

@@ -3,15 +3,28 @@
 import sys
 from dataclasses import dataclass
 from itertools import islice
+from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
 
 from examples import camera_loop
+from pipelines.frames.camera_files import camera_from_mapping
+from pipelines.frames.lens import BROWN, Distortion
 from tests.examples.tabletop_frame import COLOR, DEPTH, LENS, light_detector
 
-FRAME = camera_loop.CameraFrame(COLOR, DEPTH, LENS)
+FRAME = camera_loop.CameraFrame(
+    COLOR, DEPTH, dict(zip(("fx", "fy", "cx", "cy"), LENS, strict=True))
+)
+COEFFICIENTS = [-0.055, 0.065, -0.0009, 0.0005, -0.02]  # as of a D455
+
+
+class LensModel:
+    """librealsense's enum of models, whose text is the name."""
+
+    def __str__(self):
+        return "distortion.inverse_brown_conrady"
 
 
 def test_every_frame_gives_grasps_and_a_wrong_frame_is_passed_over(capsys):
@@ -35,7 +48,9 @@ class Pipeline:
 
     def wait_for_frames(self):
         fx, fy, cx, cy = LENS
-        lens = SimpleNamespace(fx=fx, fy=fy, ppx=cx, ppy=cy)
+        height, width = DEPTH.shape
+        lens = SimpleNamespace(fx=fx, fy=fy, ppx=cx, ppy=cy, width=width, height=height)
+        lens.coeffs, lens.model = COEFFICIENTS, LensModel()
         profile = SimpleNamespace(get_intrinsics=lambda: lens)
         depth = np.round(DEPTH * 1000).astype(np.uint16)
         color = SimpleNamespace(
@@ -77,7 +92,9 @@ def test_a_realsense_is_read_in_metres_and_stopped_at_the_end(pipeline):
     first, second = islice(frames, 2)
     np.testing.assert_array_equal(first.color, COLOR)
     np.testing.assert_allclose(second.depth, DEPTH, atol=0.0006)
-    assert first.intrinsics == LENS
+    camera = camera_from_mapping(Path("camera"), first.intrinsics)
+    assert (camera.fx, camera.fy, camera.cx, camera.cy) == LENS
+    assert camera.distortion == Distortion(BROWN, tuple(COEFFICIENTS))
     frames.close()
     assert pipeline.stopped
 

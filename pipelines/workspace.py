@@ -120,7 +120,10 @@ def _draw(source: FrameSource, folder: Path, config: WorkspaceConfig, found: Wor
     box = frame_box(observation, config)
     inside = box.contains(observation.scene.xyz) | (frame.depth <= 0)  # pixels without depth too
     masks: Sequence[Mask] = [region.mask for region in observation.regions]
-    write_image(folder / f"{source.name}.png", draw_workspace(frame, box, inside, masks))
-    write_image(folder / f"{source.name}_mask.png", inside.astype(np.uint8) * 255)
+    picture = draw_workspace(frame, box, inside, masks)
+    # As the camera sees it, since masks are drawn on its images and undistorted with these.
+    write_image(folder / f"{source.name}.png", frame.distorted(picture))
+    white = inside.astype(np.uint8) * 255
+    write_image(folder / f"{source.name}_mask.png", frame.distorted(white))
     found.boxes[source.name] = box
     found.report.notes[source.name] = f"{len(masks)} regions; {box.options}"

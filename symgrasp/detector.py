@@ -105,7 +105,7 @@ class GraspDetector:
                 nine numbers by rows, or a mapping with the keys of a camera file.
             masks: masks of the objects to grasp, in place of detected regions: (H, W) ids, 0 =
                 background, or (H, W) or (n, H, W) bool. A pixel of several masks belongs to the
-                first.
+                first. Masks are of the images as given, with their lens distortion if any.
             workspace: where grasps may be: (H, W) bool, or a box x0, y0, z0, x1, y1, z1 in metres,
                 in the frame that the setting `limits.box_frame` names.
             depth_units_per_metre: divisor that turns `depth` into metres; by default 1 for floats,

@@ -65,7 +65,7 @@ class FoundRegion:
 
     @cached_property
     def mask(self) -> Mask:
-        """Mask (H, W) of the region's pixels."""
+        """Mask (H, W) of the region's pixels, in the image without lens distortion."""
         mask = decode_mask(self._runs, *self._size)
         mask.flags.writeable = False
         return mask

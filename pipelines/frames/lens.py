@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.array_types import Array
+from pipelines.array_types import Array, Mask
 from pipelines.errors import FormatError
 from pipelines.geometry.camera import Intrinsics
 
@@ -42,6 +42,7 @@ NAMED_FISHEYE = ("k1", "k2", "k3", "k4")
 SIZES = {BROWN: (4, 5, 8, 12, 14), FISHEYE: (4,)}  # OpenCV's
 UNNOTICED = 0.5  # pixels: a smaller shift leads to the same nearest pixel
 BEYOND = -1e6  # pixels: outside of every image
+WIDEST_GAP = 2.0  # pixels, between pixels of an image that a lens spreads out
 RADII = 1000  # samples between the axis and the farthest corner
 
 Image = TypeVar("Image", bound=NDArray[Any])
@@ -136,11 +137,34 @@ def undistorted(image: Image, camera: Intrinsics, distortion: Distortion, *, smo
     if smooth:
         moved = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
         return cast(Image, np.asarray(moved, image.dtype))
-    columns, rows = np.rint(u).astype(np.int64), np.rint(v).astype(np.int64)
-    inside = (columns >= 0) & (columns < camera.width) & (rows >= 0) & (rows < camera.height)
+    inside, places = _nearest_pixels(u, v)
     nearest = np.zeros_like(image)
-    nearest[inside] = image[rows[inside], columns[inside]]
+    nearest[inside] = image[places]
     return cast(Image, nearest)
+
+
+def distorted(image: Image, camera: Intrinsics, distortion: Distortion) -> Image:
+    """Return `image` (H, W) or (H, W, 3) as the lens shows it, 0 outside of its view.
+
+    Every pixel that `undistorted` takes has a value; a gap between such pixels has the nearest.
+    """
+    from scipy.ndimage import distance_transform_edt  # noqa: PLC0415 - slow to import, rarely used
+
+    inside, places = _nearest_pixels(*_places(camera, distortion))
+    shown, is_gap = np.zeros_like(image), np.ones(image.shape[:2], np.bool_)
+    shown[places], is_gap[places] = image[inside], False
+    far, nearest = distance_transform_edt(is_gap, return_indices=True)
+    shown = shown[tuple(nearest)]
+    shown[far > WIDEST_GAP] = 0
+    return cast(Image, shown)
+
+
+def _nearest_pixels(u: Places, v: Places) -> tuple[Mask, tuple[NDArray[np.int64], ...]]:
+    """Return which of the places (H, W) are in the image, and the rows and columns of these."""
+    height, width = u.shape
+    columns, rows = np.rint(u).astype(np.int64), np.rint(v).astype(np.int64)
+    inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+    return inside, (rows[inside], columns[inside])
 
 
 def displacement(camera: Intrinsics, distortion: Distortion) -> float:

@@ -21,7 +21,7 @@ from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.camera_search import where_a_camera_may_be
 from pipelines.frames.depth_checks import LOOKS_INVERSE, is_inverse
 from pipelines.frames.encodings.exr_files import read_exr
-from pipelines.frames.lens import Distortion, Image, displacement, undistorted
+from pipelines.frames.lens import Distortion, Image, displacement, distorted, undistorted
 from pipelines.geometry.camera import Intrinsics
 from pipelines.storage.array_files import read_npy, read_npz
 from pipelines.storage.images import read_image
@@ -53,6 +53,10 @@ class Frame:
         if self.removed is None:
             return ids
         return undistorted(ids, self.intrinsics, self.removed, smooth=False)
+
+    def distorted(self, image: Image) -> Image:
+        """Return an image (H, W) or (H, W, 3) of this frame's pixels in those of its files."""
+        return image if self.removed is None else distorted(image, self.intrinsics, self.removed)
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from pipelines.frames.lens import (
     FISHEYE,
     Distortion,
     displacement,
+    distorted,
     distortion_in,
     undistorted,
 )
@@ -69,6 +70,18 @@ def test_librealsenses_inverse_model_leads_from_rays_to_pixels_too() -> None:
     x, y = (150 - 79.5) / 100.0, (60 - 59.5) / 101.0
     seen, _ = bent(np.array([x, y]), Distortion(BROWN, tuple(coefficients)))
     assert place == pytest.approx(79.5 + 100.0 * seen, abs=0.05)
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_an_image_with_distortion_gives_the_same_image_without_it(lens: Distortion) -> None:
+    rows, columns = np.mgrid[:120, :160]
+    ids = np.where(np.hypot(rows - 40, columns - 110) < 25, 7, 1).astype(np.int32)
+    back = undistorted(distorted(ids, CAMERA, lens), CAMERA, lens, smooth=False)
+    seen = back > 0
+    assert seen.mean() > 0.8
+    assert np.mean(back[seen] == ids[seen]) > 0.995
+    wide = Distortion(BROWN, (0.3,))  # spreads pixels out: no pixel between is left empty
+    assert distorted(ids, CAMERA, wide)[30:50, 100:120].min() == 7
 
 
 def test_undistorted_depth_has_only_measured_values() -> None:

@@ -1,6 +1,7 @@
 """`workspace`: a box that `infer` takes, and a picture of it."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from pipelines.frames.workspace_files import parse_workspace
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.inference.frame_grasps import Planner
 from pipelines.inference.models import WEIGHTS
+from pipelines.storage.files import read_json
 from pipelines.storage.images import read_image
 from symgrasp_cli.app import app
 
@@ -49,6 +51,26 @@ def test_the_picture_is_dark_outside_and_the_mask_is_black(found):
     assert picture.shape == color.shape
     assert 0 < (mask == 0).mean() < 1
     assert picture[mask == 0].mean() < 0.8 * color[mask == 0].mean()
+
+
+def test_the_mask_is_of_the_pixels_of_the_files_of_a_camera_with_lens_distortion(tmp_path):
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    for end in ("color.png", "depth.png"):
+        shutil.copy(FRAMES / f"table_1_{end}", frames)
+    camera = read_json(FRAMES / "table_1_camera.json") | {"D": [-0.28, 0.07]}
+    (frames / "table_1_camera.json").write_text(json.dumps(camera))
+    box = (-0.1, -0.1, 0.5, 0.1, 0.1, 1.5)
+    config = WorkspaceConfig(box=box, box_frame="camera")
+    workspace.run(frames, tmp_path / "w", config)
+    frame = find_frames(frames)[0].read()
+    assert frame.removed is not None
+    points = frame.intrinsics.backproject(frame.depth)
+    inside = ((points >= box[:3]) & (points <= box[3:])).all(axis=-1)
+    shown = frame.undistorted(read_image(tmp_path / "w/table_1_mask.png")) > 0
+    measured = frame.depth > 0
+    assert inside.any()
+    assert np.mean(shown[measured] == inside[measured]) > 0.999
 
 
 def test_a_box_that_is_given_is_drawn_instead_and_frames_may_be_printed(tmp_path):

@@ -49,13 +49,13 @@ def read_weights(
 
 
 def fill(module: nn.Module, tensors: dict[str, Tensor], path: Path) -> None:
-    """Give `module` the weights read from `path`.
+    """Give `module` the weights read from `path`, in single precision as these are.
 
     Raises:
         FormatError: the names or shapes of the tensors do not fit.
     """
     try:
-        module.load_state_dict(tensors)
+        module.float().load_state_dict(tensors)  # a caller may have set another default of torch
     except RuntimeError as error:
         expected = "train it again with this version, or give weights made by it"
         found = tensor_differences(tensors, module.state_dict())

@@ -35,6 +35,22 @@ def predictor(weights):
     return GraspPredictor.load(weights, "cpu")
 
 
+@pytest.mark.parametrize("default", [torch.float64, torch.float16])
+def test_weights_are_read_in_single_precision_whatever_torchs_default_is(
+    predictor, weights, default
+):
+    torch.set_default_dtype(default)
+    try:
+        loaded = GraspPredictor.load(weights, "cpu")
+        (found,) = loaded.predict([cloud(300)])
+        assert torch.get_default_dtype() == default
+    finally:
+        torch.set_default_dtype(torch.float32)
+    (expected,) = predictor.predict([cloud(300)])
+    assert_array_equal(found.affordance, expected.affordance)
+    assert_array_equal(found.direction, expected.direction)
+
+
 def cloud(count, seed=0):
     return np.random.default_rng(seed).normal((0.1, -0.2, 0.7), 0.03, (count, 3))
 

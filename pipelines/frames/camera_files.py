@@ -106,11 +106,14 @@ class CameraFile:
 
 
 def check_units(name: str, units: float | None) -> None:
-    """Raise a ValueRangeError if `units` cannot be units per metre; None (unknown) is allowed."""
+    """Raise a ValueRangeError if `units` cannot be units per metre; None (unknown) is allowed.
+
+    `units` may have any type, as in a POST.
+    """
     low, high = UNITS_RANGE
     if units is None:
         return
-    is_number = isinstance(units, int | float | np.number)  # a POST may hold anything
+    is_number = isinstance(units, int | float | np.number) and not isinstance(units, bool)
     if not is_number or not low <= units <= high:  # written so that nan fails too
         found = units if is_number else repr(units)
         raise ValueRangeError(name, found, f"a number between {low:g} and {high:g} units per metre")

@@ -92,7 +92,7 @@ def _raw_array(key: str, content: Mapping[str, object], max_pixels: int) -> NDAr
         raise ValueRangeError(f"{key}.dtype", repr(dtype)[:80], " or ".join(types))
     sizes = shape if isinstance(shape, list) else []
     is_sound = len(sizes) == (3 if key == "color" else 2)
-    if not is_sound or not all(isinstance(n, int) and 0 < n <= max_pixels for n in sizes):
+    if not is_sound or not all(type(n) is int and 0 < n <= max_pixels for n in sizes):
         expected = "[height, width, 3]" if key == "color" else "[height, width]"
         raise ValueRangeError(f"{key}.shape", repr(shape)[:80], expected)
     _check_pixels(key, sizes[0] * sizes[1], max_pixels)

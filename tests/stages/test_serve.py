@@ -120,6 +120,7 @@ def bomb(side=1200) -> str:
         (post(depth={**raw(DEPTH), "dtype": "object"}), "uint16 or float32"),
         (post(depth={**raw(DEPTH), "shape": [10**9, 10**9]}), "height, width"),
         (post(depth={**raw(DEPTH), "shape": [12, 15]}), "384 bytes"),
+        (post(depth={**raw(DEPTH), "shape": [True, True]}), "height, width"),
         (post(name=3), "no short text"),
     ],
 )
@@ -137,7 +138,7 @@ def test_a_name_with_half_a_character_is_reported_in_one_sentence():
     assert "surrogates not allowed" in answer.json()["error"]
 
 
-@pytest.mark.parametrize("units", [[1000], "1000", {"x": 1000}, float("nan")])
+@pytest.mark.parametrize("units", [[1000], "1000", True, {"x": 1000}, float("nan")])
 def test_units_that_are_not_a_number_are_reported_in_one_sentence(units):
     client = client_of(lambda color, depth, **options: frame_of(color, depth, [9] * 4, units))
     answer = client.post("/grasps", json=post())

@@ -29,9 +29,8 @@ class FileGrasps(Mapping[str, Grasps]):
     path: Path
     names: tuple[str, ...]
     gripper: Gripper
-    _config: Mapping[str, Any] = field(
-        repr=False, compare=False
-    )  # settings of the run that wrote the file
+    # Settings of the run that wrote the file.
+    _config: Mapping[str, Any] = field(repr=False, compare=False)
 
     def __getitem__(self, name: str) -> Grasps:
         if name not in self._places:

@@ -61,8 +61,8 @@ def as_boxes(rows: Array, shape: tuple[int, int]) -> Array:
 
 # Method -> its representation, and the largest friction coefficient of its training rectangles.
 REPRESENTATIONS: dict[str, tuple[Represented, float]] = {
-    "gg-cnn": (as_maps, ggcnn_training.MAX_FRICTION),
-    "multi-grasp": (as_boxes, multi_grasp_training.MAX_FRICTION),
+    "gg-cnn": (as_maps, ggcnn_training.LABEL_FRICTION),
+    "multi-grasp": (as_boxes, multi_grasp_training.LABEL_FRICTION),
 }
 
 

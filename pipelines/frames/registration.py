@@ -17,7 +17,7 @@ Image = NDArray[np.float32]
 WIDTH = 320  # columns of a reduced image; finer offsets do no harm
 FARTHEST = 20  # largest offset, pixels of the reduced image
 NEAR = 2  # pixels of the reduced image within which edges count as registered
-SURROUNDINGS = 31  # pixels of a window; its mean change of colour, from texture, is subtracted
+CHANGE_WINDOW = 31  # pixels of a window; its mean change of colour, from texture, is subtracted
 JUMP = 0.03  # 1/m between neighbouring pixels: 3 cm at 1 m
 FEWEST_JUMPS = 50
 AT_A_TIME = 10_000  # jumps, of 7 kB each; an ordinary frame has fewer
@@ -57,7 +57,7 @@ def _color_changes(frame: Frame, step: int) -> Image:
     dx, dy = (cv2.Sobel(grey, cv2.CV_32F, *axes) for axes in ((1, 0), (0, 1)))
     # Slopes of 8-bit values are whole numbers: the squares are exact, and the root equals hypot.
     changes = np.log1p(np.sqrt(dx * dx + dy * dy))
-    return np.asarray(changes - cv2.blur(changes, (SURROUNDINGS, SURROUNDINGS)), np.float32)
+    return np.asarray(changes - cv2.blur(changes, (CHANGE_WINDOW, CHANGE_WINDOW)), np.float32)
 
 
 def _depth_jumps(depth: Image, step: int) -> Image:

@@ -14,8 +14,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pipelines.frames import registration
 from pipelines.frames.frames import find_frames
 from pipelines.frames.registration import (
+    CHANGE_WINDOW,
     FARTHEST,
-    SURROUNDINGS,
     _color_changes,
     _match_at_offsets,
     color_offset,
@@ -100,7 +100,7 @@ def test_the_change_of_colour_is_the_length_of_its_gradient() -> None:
     noise[60:120, 80:160] = noise[60:120, 80:160] // 128 * 255  # the steepest slopes there are
     dx, dy = (cv2.Sobel(noise, cv2.CV_32F, *axes) for axes in ((1, 0), (0, 1)))
     lengths = np.log1p(np.hypot(dx, dy))
-    expected = lengths - cv2.blur(lengths, (SURROUNDINGS, SURROUNDINGS))
+    expected = lengths - cv2.blur(lengths, (CHANGE_WINDOW, CHANGE_WINDOW))
     frame = replace(boxes(0), color=np.repeat(noise[:, :, None], 3, axis=2))
     assert_array_equal(_color_changes(frame, 1), expected)
 

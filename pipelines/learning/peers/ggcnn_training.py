@@ -22,7 +22,7 @@ from pipelines.tabletop.depth_channels import find_plane, shrink
 
 STORED_SIDE = 480  # pixels, longest shorter side of a stored frame
 DEPTH_UNITS = 10_000.0  # per metre
-MAX_FRICTION = 0.4  # largest friction coefficient of a labelled rectangle
+LABEL_FRICTION = 0.4  # largest friction coefficient of a labelled rectangle
 MIN_ZOOM = 0.5  # least share of the shorter side that a crop shows
 
 
@@ -44,7 +44,7 @@ def ggcnn_frame(
     """
     depth, intrinsics = root.read_depth(files)
     rows = read_rect(files.path("rect")).astype(np.float64)
-    rows = rows[hold_at(rows, MAX_FRICTION)]
+    rows = rows[hold_at(rows, LABEL_FRICTION)]
     rows = rows[on_their_object(rows, root.read_label(files))]
     small = shrink(None, depth, intrinsics, STORED_SIDE, max(depth.shape))
     if min(depth.shape) > STORED_SIDE:

@@ -29,7 +29,7 @@ from pipelines.network.peers.multi_grasp import LONG_SIDES, SHORT_SIDES, build_m
 from pipelines.network.peers.rgd import rgd_pixels, rgd_tensor
 from pipelines.tabletop.depth_channels import shrink
 
-MAX_FRICTION = 0.2  # largest friction coefficient of a labelled rectangle
+LABEL_FRICTION = 0.2  # largest friction coefficient of a labelled rectangle
 MOST_ROWS = 60  # rectangles of an object in a frame
 SHIFT = 0.1  # share of the shorter side, longest shift of an image
 FIRST = 10  # best grasps of a frame that are counted as hits or misses
@@ -57,7 +57,7 @@ def multi_grasp_frame(root: GraspNetRoot, files: FrameFiles, network: PeerNetwor
     """Return a frame at the network's size: `pixels` (h, w, 3) RGD, `rows` (n, 7) float32."""
     frame = root.read_frame(files)
     rows = read_rect(files.path("rect")).astype(np.float64)
-    rows = rows[hold_at(rows, MAX_FRICTION)]
+    rows = rows[hold_at(rows, LABEL_FRICTION)]
     rows = rows[on_their_object(rows, root.read_label(files))]
     rows = rows[spread_rows(rows, MOST_ROWS)]
     variant = network.variant

@@ -1,12 +1,13 @@
 """Reading of `grasps.h5`: the grasps of each frame by the frame's name."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from pipelines.errors import UnknownNameError
+from pipelines.grasp_files.exports.grasp_exports import ranked_anew, that_fit
 from pipelines.grasp_files.grasps_stream import read_index, read_named
 from pipelines.grasp_files.gripper_files import gripper_to_use, load_gripper
 from pipelines.grasping.gripper import Gripper
@@ -36,7 +37,8 @@ class FileGrasps(Mapping[str, Grasps]):
         if name not in self._places:
             raise UnknownFrameError(f"frame of {self.path}", name, self.names)
         result = read_named(self.path, name, self._places[name], self._config)
-        return ordered_grasps(result, self.gripper)
+        kept, _ = ranked_anew(result.grasps, that_fit(result.grasps, self.gripper))
+        return ordered_grasps(replace(result, grasps=kept), self.gripper)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.names)
@@ -59,6 +61,8 @@ def read_grasps(path: Path | str, gripper: str | Path | Gripper | None = None) -
     Args:
         path: the file, also of an older version.
         gripper: gripper of poses and openings; None for the gripper that the grasps were found for.
+            Grasps wider than it opens are left out, and the others ranked without them; collisions
+            are not checked again.
 
     Raises:
         FormatError: the file is no grasps.h5, or it is damaged.

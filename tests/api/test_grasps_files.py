@@ -7,6 +7,8 @@ import pytest
 
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.grasp_files import grasps_file
+from pipelines.grasp_files.exports.export_poses import ExportGripper
+from pipelines.grasp_files.exports.grasp_exports import FrameGrasps
 from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasp_files.gripper_files import gripper_digest, load_gripper
 from pipelines.storage.provenance import make_stamp
@@ -63,6 +65,20 @@ def test_poses_are_for_the_gripper_that_the_grasps_were_found_for_or_for_a_named
     assert read_grasps(path, "rg2").gripper == load_gripper("rg2")
     own = replace(load_gripper("rg2"), flange_to_tip=0.3)
     assert read_grasps(path, own)["s/a"].gripper is own
+
+
+def test_grasps_that_a_named_gripper_cannot_open_to_are_left_out_as_in_exports(tmp_path):
+    path, narrow = written(tmp_path / "g.h5"), replace(load_gripper("rg2"), max_opening=0.06)
+    every, held = read_grasps(path, "rg2")["s/a"], read_grasps(path, narrow)["s/a"]
+    exported = ExportGripper(narrow, narrow.base_to_contacts, "rg2")
+    expected = FrameGrasps.of(RESULTS[0], 0, exported).result.grasps
+    assert 0 < len(held) < len(every) == 5
+    assert held.opening.max() <= narrow.max_opening
+    for column in ("width", "rank_in_frame", "is_best", "region"):
+        np.testing.assert_array_equal(getattr(held, column), getattr(expected, column))
+    thin = replace(narrow, max_opening=2.1 * narrow.clearance)
+    with pytest.raises(SymgraspError, match="all were left out"):
+        _ = read_grasps(path, thin)["s/a"].best
 
 
 def test_a_gripper_whose_file_is_gone_or_has_changed_must_be_named(tmp_path):

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.array_types import Array
+from pipelines.array_types import Array, Mask
 from pipelines.errors import SymgraspError
 from pipelines.geometry.symmetry import KIND_OF_SLOT
 from pipelines.geometry.transforms import matrix_to_quaternion
 from pipelines.grasp_files.exports.export_poses import ExportGripper, PoseFrame
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable
 from pipelines.grasping.grasps import CLOSING_ALONG_Y, GraspPoses, gripper_poses
+from pipelines.grasping.gripper import Gripper
 from pipelines.storage.files import LONGEST_NAME, real_path
 
 LONGEST_PREFIX, LONGEST_SUFFIX = "predictions_", ".yaml"  # that a format adds to a frame's name
@@ -55,11 +56,9 @@ class FrameGrasps:
         for name in ("rotation", "translation", "width", "contacts"):
             if not np.isfinite(getattr(table, name)).all():
                 raise SymgraspError(f"the {name} of a grasp is not finite; run infer again")
-        fits = table.width <= gripper.model.max_width + SLACK
+        fits = that_fit(table, gripper.model)
         is_low = table.rank_score < np.float32(min_score)
-        order = np.argsort(table.rank_in_frame)
-        order = order[(fits & ~is_low)[order]]
-        held = _with_best(replace(table.taken(order), rank_in_frame=np.arange(len(order))))
+        held, order = ranked_anew(table, fits & ~is_low)
         rows = first_row + np.arange(len(table))
         u, _, v = np.linalg.svd(held.rotation.astype(np.float64))  # stored in single precision
         grasps = GraspPoses(u @ v, held.translation, held.width)
@@ -108,6 +107,19 @@ class ExportHeader:
     frame: PoseFrame
     stamp: Mapping[str, Any]  # of the export, as JSON
     infer: Mapping[str, Any]  # stamp of the grasps.h5, as JSON
+
+
+def that_fit(table: GraspTable, gripper: Gripper) -> Mask:
+    """Return (g,) which grasps `gripper` opens wide enough for."""
+    return np.asarray(table.width <= gripper.max_width + SLACK)
+
+
+def ranked_anew(table: GraspTable, kept: Mask) -> tuple[GraspTable, NDArray[np.intp]]:
+    """Return the `kept` (g,) grasps of a frame, best first with new ranks, and their places."""
+    order = np.argsort(table.rank_in_frame)
+    order = order[kept[order]]
+    held = replace(table.taken(order), rank_in_frame=np.arange(len(order)))
+    return _with_best(held), order
 
 
 def _with_best(held: GraspTable) -> GraspTable:

@@ -80,6 +80,7 @@ class GraspDetector:
         paths = InferPaths(Path(), Path()).with_weights(
             **{name: None if path is None else Path(path) for name, path in weights.items()}
         )
+        seed = _whole_number(seed)
         self._run_settings = RunSettings(paths, self.settings, seed, device, timings=False)
         with _argument_names():
             check_config(self.settings)
@@ -168,6 +169,12 @@ def _gripper(gripper: object, default: str) -> tuple[Gripper, str]:
         raise ValueRangeError("gripper", f"a {type(gripper).__name__}", expected)
     name = str(gripper or default)
     return load_gripper(name), name
+
+
+def _whole_number(seed: object) -> int:
+    if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
+        raise ValueRangeError("seed", repr(seed), "a whole number, at least 0")
+    return int(seed)
 
 
 @contextmanager

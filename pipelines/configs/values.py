@@ -15,6 +15,8 @@ NAMES_OF_TYPES = {bool: "true or false", int: "a whole number", float: "a number
 def fitted(value: object, declared: Any, name: str, declaration: Declaration) -> Any:  # noqa: ANN401
     """Return `value` in its declared type: lists become tuples, whole numbers floats.
 
+    Numbers and arrays of numpy are those of Python.
+
     Args:
         value: value from a file, an option or a program.
         declared: bool, int, float, str, a `Literal`, or a tuple of one of these.
@@ -25,6 +27,8 @@ def fitted(value: object, declared: Any, name: str, declaration: Declaration) ->
         UnknownNameError: the `Literal` does not list the name.
         SettingError: the type is wrong, or a number is outside of the range.
     """
+    if hasattr(value, "tolist"):  # numpy's
+        value = value.tolist()
     if get_origin(declared) is tuple:
         return _fitted_tuple(value, declared, name, declaration)
     if choices := choices_of(declared):

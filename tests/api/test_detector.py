@@ -12,7 +12,7 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 from pipelines.configs import FeasibilityConfig, InferConfig, LimitsConfig, SelectionConfig
-from pipelines.errors import MissingInputError, SymgraspError, UnknownNameError
+from pipelines.errors import MissingInputError, SymgraspError, UnknownNameError, ValueRangeError
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.inference.models import WEIGHTS
 from symgrasp import GraspDetector, Grasps, bundled_frame, read_grasps
@@ -196,6 +196,9 @@ def test_nothing_is_written_and_no_picture_kept(light, tmp_path, monkeypatch):
             SymgraspError,
             "^approach_direction is .*; it must be x,y,z, not all zero",
         ),
+        ({"seed": -1}, ValueRangeError, "^seed is -1; it must be a whole number, at least 0$"),
+        ({"seed": 1.5}, ValueRangeError, "^seed is 1.5; it must be a whole number"),
+        ({"seed": "a"}, ValueRangeError, "^seed is 'a'; it must be a whole number"),
         ({"network": "none.safetensors"}, MissingInputError, "none.safetensors does not exist"),
         ({"detector": "none.safetensors"}, MissingInputError, "none.safetensors does not exist"),
         ({"axis_critic": "none.safetensors"}, MissingInputError, "none.safetensors does not"),

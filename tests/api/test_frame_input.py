@@ -169,6 +169,7 @@ def test_a_tensor_with_a_gradient_is_refused_in_one_sentence():
         ({"intrinsics": Intrinsics(*LENS, 640, 480)}, "intrinsics: describes 640x480 images"),
         ({"units": 0.0}, "depth_units_per_metre is 0.0"),
         ({"units": np.nan}, "depth_units_per_metre is nan"),
+        ({"units": True}, "depth_units_per_metre is True"),
     ],
 )
 def test_arrays_that_make_no_frame_are_refused_in_one_sentence(changed, sentence):

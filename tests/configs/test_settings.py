@@ -8,6 +8,7 @@ import tomllib
 from pathlib import Path
 from typing import get_args
 
+import numpy as np
 import pytest
 
 from pipelines.configs import (
@@ -171,6 +172,20 @@ def test_whole_numbers_are_numbers_and_lists_are_tuples():
     config = from_settings(InferConfig, {"limits": {"box": [0, 0, 0, 1, 1, 1], "approach_cone": 9}})
     assert config.limits.box == (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
     assert {type(each) for each in (*config.limits.box, config.limits.approach_cone)} == {float}
+
+
+def test_numbers_and_arrays_of_numpy_are_those_of_python():
+    values = {
+        "max_grasps_per_region": np.int64(3),
+        "limits.approach_cone": np.float32(9),
+        "limits.box": np.array([0, 0, 0, 1, 1, 1]),
+        "region.color.is_used": np.bool_(False),
+    }
+    config = changed(InferConfig(), values)
+    assert type(config.max_grasps_per_region) is int
+    assert config.limits.approach_cone == 9.0
+    assert config.limits.box == (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
+    assert config.region.color.is_used is False
 
 
 def test_names_of_earlier_versions_are_read_as_todays_names():

@@ -46,14 +46,14 @@ def run(
     for path in (output, picture):
         if path is not None and path.exists() and not overwrite:
             raise SymgraspError(f"{path} exists; give --overwrite, or another name")
-    gripper = gripper_of(source, config)
+    gripper, odd = gripper_of(source, config)
     if picture is not None:
         write_image(picture, draw_gripper(gripper))
     if output is not None:
         write_text(output, as_gripper_toml(gripper, Path(source).name))
         load_gripper(str(output))
     report.done.append(gripper.name)
-    odd = oddities_of(gripper)
+    odd += oddities_of(gripper)
     report.notes[gripper.name] = "; ".join(odd) or (
         f"opens {1000 * gripper.max_opening:.1f} mm, contacts up to "
         f"{1000 * gripper.max_width:.1f} mm apart; nothing is odd"
@@ -62,10 +62,10 @@ def run(
     return report
 
 
-def gripper_of(source: str, config: GripperConfig) -> Gripper:
-    """Return the gripper of a URDF, a TOML file, or a preset."""
+def gripper_of(source: str, config: GripperConfig) -> tuple[Gripper, list[str]]:
+    """Return the gripper of a URDF, a TOML file, or a preset, and oddities of a URDF's frame."""
     if Path(source).suffix.lower() not in (".urdf", ".xml"):
-        return load_gripper(source)
+        return load_gripper(source), []
     return read_urdf_gripper(
         Path(source),
         tip_reach=config.tip_reach,

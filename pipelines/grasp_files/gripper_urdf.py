@@ -32,13 +32,14 @@ from pipelines.storage.files import existing, real_path
 
 WRITE_BY_HAND = "a gripper with two sliding joints is expected; else write the ten lengths by hand"
 MAX_LINKS = 1000
+MOST_BESIDE = 0.005  # metres between the fingers' middle and the base's axis; meshes are uneven
 SQUARE = 0.9  # smallest cosine between a finger's motion and an axis of the palm's frame
 
 
 def read_urdf_gripper(
     path: Path, *, tip_reach: float, clearance: float, base_link: str = ""
-) -> Gripper:
-    """Return the gripper that a URDF describes.
+) -> tuple[Gripper, list[str]]:
+    """Return the gripper that a URDF describes, and where its base link is not that of poses.
 
     Args:
         path: of the URDF, of the gripper alone or of an arm with it.
@@ -177,8 +178,8 @@ class _Bodies:
 
 def _measured(
     path: Path, name: str, bodies: _Bodies, base: str, tip_reach: float, clearance: float
-) -> Gripper:
-    """Return the gripper measured on `bodies`, in the frame of the link `base`."""
+) -> tuple[Gripper, list[str]]:
+    """Return the gripper measured on `bodies`, and the oddities of the frame of the link `base`."""
     # A joint opens its finger at its upper or at its lower limit, as its axis points.
     limits = [[(joint.child, way) for way in joint.limits] for joint in bodies.sliding]
     at = [bodies.placed(base, dict(ways)) for ways in product(*limits)]
@@ -190,6 +191,8 @@ def _measured(
     axes = np.stack([approach, closing, np.cross(approach, closing)])
     fingers = [_facing(path, [p @ axes.T for is_finger, p in each if is_finger]) for each in at]
     gap, finger = max(fingers, key=lambda each: each[0])
+    third = (finger[:, 2].min() + finger[:, 2].max()) / 2
+    middle = np.array([0.0, finger[:, 1].min() - gap / 2, third]) @ axes
     palms = [points @ axes.T for is_finger, points in at[0] if not is_finger]
     palm = np.concatenate(palms) if palms else np.zeros((1, 3))
     low, high, size = palm.min(axis=0), palm.max(axis=0), np.ptp(palm, axis=0)
@@ -207,9 +210,28 @@ def _measured(
         "flange_to_tip": tips,
     }
     try:
-        return Gripper(name, **{key: round(value, 5) for key, value in measures.items()})
+        gripper = Gripper(name, **{key: round(value, 5) for key, value in measures.items()})
     except ValueRangeError as error:
         raise FormatError(path, f"has measures of no gripper ({error})", WRITE_BY_HAND) from error
+    return gripper, _oddities(base, approach, closing, middle)
+
+
+def _oddities(base: str, approach: Array, closing: Array, middle: Array) -> list[str]:
+    """Return where the frame of `base` differs from that of poses, a phrase each.
+
+    `middle` (3,) is between the open fingers, square to `approach`, metres, in the base's frame.
+    """
+    odd = []
+    if (across := "xyz"[int(closing.argmax())]) != "y":
+        odd.append(f"the fingers close along {across} of {base}, not along y")
+    place = int(np.abs(approach).argmax())
+    if approach[2] != 1.0:
+        sign = "-" if approach[place] < 0 else ""
+        odd.append(f"the fingers point along {sign}{'xyz'[place]} of {base}, not along z")
+    if np.abs(middle).max() > MOST_BESIDE:
+        beside = ", ".join(str(round(1000 * each)) for each in middle.tolist())
+        odd.append(f"the fingers' middle is {beside} mm in x, y, z beside the axis of {base}")
+    return [f"{each}; poses of {base} need one more fixed transform" for each in odd]
 
 
 def _facing(path: Path, fingers: list[Array]) -> tuple[float, Array]:

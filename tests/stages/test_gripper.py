@@ -38,6 +38,10 @@ EXPECTED = {
 
 
 def measured(tmp_path, text=URDF, **config):
+    return measured_with_notes(tmp_path, text, **config)[0]
+
+
+def measured_with_notes(tmp_path, text=URDF, **config):
     (tmp_path / "g.urdf").write_text(text)
     return gripper.gripper_of(str(tmp_path / "g.urdf"), GripperConfig(**config))
 
@@ -97,6 +101,30 @@ def test_the_command_writes_a_file_that_infer_takes_and_a_picture(tmp_path):
     assert CliRunner().invoke(app, checked).exit_code == 0
     assert (tmp_path / "again.png").is_file()
     assert CliRunner().invoke(app, ["gripper", "from-urdf", str(out)]).exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("pose", "note"),
+    [
+        ('rpy="0 0 0"', ""),
+        ('xyz="0.004 0 0"', ""),  # of uneven meshes
+        ('rpy="0 0 1.57079632679"', "close along x of base, not along y"),
+        ('rpy="0 1.57079632679 0"', "point along x of base, not along z"),
+        ('rpy="3.14159265359 0 0"', "point along -z of base, not along z"),
+        ('xyz="0.03 0 0"', "middle is 30, 0, 0 mm in x, y, z beside the axis of base"),
+        ('xyz="0 -0.03 0"', "middle is 0, -30, 0 mm"),
+    ],
+)
+def test_another_axis_or_origin_of_the_base_link_is_named(pose, note, tmp_path):
+    mount = (
+        '<link name="base"/><joint name="mount" type="fixed"><parent link="base"/>'
+        f'<child link="hand"/><origin {pose}/></joint></robot>'
+    )
+    text = URDF.replace("</robot>", mount)
+    found, odd = measured_with_notes(tmp_path, text, base_link="base")
+    assert found.max_opening == pytest.approx(0.08, abs=1e-5)
+    assert len(odd) == bool(note)
+    assert all(note in each and "one more fixed transform" in each for each in odd)
 
 
 def test_odd_measures_are_reported(tmp_path):

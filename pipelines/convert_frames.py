@@ -18,14 +18,14 @@ import numpy as np
 
 from pipelines.configs import ConvertFramesConfig
 from pipelines.contents import mapping_in
-from pipelines.errors import SymgraspError
+from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.frames.frames import find_frames
 from pipelines.frames.rgbd import MISSING_DEPTH, Frame, FrameSource
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.runtime.batch import StageReport
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.array_files import write_npz
-from pipelines.storage.files import atomic_folder, write_json
+from pipelines.storage.files import atomic_folder, real_path, write_json
 from pipelines.storage.images import write_image
 from pipelines.storage.provenance import (
     digest,
@@ -63,6 +63,8 @@ def run(
     overrides = f"{stated.camera} {stated.depth_units_per_metre}"
     stamp = make_stamp(STAGE, config, inputs={"frames": _digest(sources), "overrides": overrides})
     refuse_foreign(output, STAGE)
+    if real_path(frames).is_relative_to(real_path(output)):
+        raise ValueRangeError("--out", output, f"a folder that does not hold the frames, {frames}")
     if is_finished(output, stamp, overwrite=overwrite):
         _report_again(report, names, output)
         return report

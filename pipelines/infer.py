@@ -26,10 +26,12 @@ from pipelines.inference.infer_run import (
     InferRun,
     earlier_frames,
     finished_items,
+    has_part,
     holds_results,
     infer_frame,
     overlay_path,
     refuse_foreign_output,
+    refuse_lost_parts,
     refuse_other_settings,
     refuse_stale,
 )
@@ -74,6 +76,8 @@ def run(
     settings = RunSettings(paths, config, seed, device, timings)
     run = InferRun(settings, stated, choice)
     items = run.items(run.find())
+    if not options.overwrite:
+        refuse_lost_parts(run, items)
     if not options.overwrite and holds_results(paths.output) and _is_complete(run, items):
         if not options.dry_run:
             grasps_file.remove_parts(paths.output)  # the parts of `infer --watch`
@@ -91,10 +95,12 @@ def run(
 def _make(run: InferRun, items: Sequence[WorkItem], options: BatchOptions) -> StageReport:
     """Find the grasps of the unfinished frames, and assemble the output."""
     settings = run.settings
-    finished = {} if options.dry_run else {item.name: item for item in finished_items(items)}
+    done = [each for each in items if has_part(each)] if options.dry_run else finished_items(items)
+    finished = {item.name: item for item in done}
     todo = [item for item in items if item.name not in finished]
-    # Parts have this run's stamp, so --overwrite keeps them.
-    parallel = options_for_frames(replace(options, overwrite=False), len(todo), settings.device)
+    # Parts have this run's stamp, so --overwrite keeps them; a dry run leaves stale ones.
+    options = replace(options, overwrite=options.dry_run)
+    parallel = options_for_frames(options, len(todo), settings.device)
     with settings.one_core() if parallel.backend == "threading" else nullcontext():
         if todo and not options.dry_run:
             load_in_workers(settings, parallel)

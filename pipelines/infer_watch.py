@@ -83,5 +83,5 @@ def _refuse_impossible(paths: InferPaths, options: BatchOptions) -> None:
     if not options.is_here or options.dry_run:
         raise SymgraspError(
             "--watch runs in one process, on all its cores; leave out --workers, --backend and "
-            "--dry-run"
+            "--dry-run, and SYMGRASP_WORKERS and SYMGRASP_BACKEND"
         )

@@ -10,6 +10,7 @@ The boxes are printed as options of `infer`, for each frame and for all frames t
 
 import time
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -83,14 +84,15 @@ def run(
     inputs = {f"{s.name} {path.name}": digest(path) for s in sources for path in s.files}
     stamp = make_stamp(STAGE, config, inputs=inputs)
     refuse_foreign(output, STAGE)
-    is_finished(output, stamp, overwrite=overwrite)  # the boxes are printed again
-    with atomic_folder(output) as folder:
+    finished = is_finished(output, stamp, overwrite=overwrite)  # the boxes are printed again
+    with nullcontext() if finished else atomic_folder(output) as folder:
         for source in sources:
             with found.report.attempting(source.name):
                 _draw(source, folder, config, found)
         if not found.boxes:
             raise SymgraspError(found.report.why_all_failed("has a workspace"))
-        write_sidecar(folder, stamp)
+        if folder is not None:
+            write_sidecar(folder, stamp)
     found.report.seconds = time.monotonic() - started
     return found
 
@@ -113,17 +115,21 @@ def frame_box(observation: Observation, config: WorkspaceConfig) -> WorkspaceBox
     return suggested_box([cloud.points for cloud in observation.clouds], plane, config.margin)
 
 
-def _draw(source: FrameSource, folder: Path, config: WorkspaceConfig, found: Workspaces) -> None:
-    """Draw one frame and keep its box."""
+def _draw(
+    source: FrameSource, folder: Path | None, config: WorkspaceConfig, found: Workspaces
+) -> None:
+    """Keep the box of a frame, and draw the frame into `folder`, if there is one."""
     frame = source.read()
     observation = observe(frame, GEOMETRIC, np.random.default_rng(0))
     box = frame_box(observation, config)
-    inside = box.contains(observation.scene.xyz) | (frame.depth <= 0)  # pixels without depth too
     masks: Sequence[Mask] = [region.mask for region in observation.regions]
+    found.boxes[source.name] = box
+    found.report.notes[source.name] = f"{len(masks)} regions; {box.options}"
+    if folder is None:
+        return
+    inside = box.contains(observation.scene.xyz) | (frame.depth <= 0)  # pixels without depth too
     picture = draw_workspace(frame, box, inside, masks)
     # As the camera sees it, since masks are drawn on its images and undistorted with these.
     write_image(folder / f"{source.name}.png", frame.distorted(picture))
     white = inside.astype(np.uint8) * 255
     write_image(folder / f"{source.name}_mask.png", frame.distorted(white))
-    found.boxes[source.name] = box
-    found.report.notes[source.name] = f"{len(masks)} regions; {box.options}"

@@ -18,7 +18,7 @@ from pipelines.grasping.feasibility.limits import Limits
 from pipelines.tabletop.organized import smooth_normals
 from pipelines.tabletop.regions.pieces import box_of
 
-MAX_RANGE = 3.0  # metres; points farther away never matter to a gripper
+MAX_RANGE = 10.0  # metres; no arm reaches farther
 NORMAL_RADIUS = 3  # pixels
 STRIDE = 3  # pixels between the obstacles of the whole scene
 NEVER_MET = 0.002  # metres over the table that no gripper reaches

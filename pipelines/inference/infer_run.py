@@ -4,7 +4,7 @@ Each finished frame is a part next to the output, until the output is merged fro
 run may continue from the results of an earlier run with the same settings, or overwrite them.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -234,11 +234,14 @@ def refuse_foreign_output(output: Path) -> None:
         raise SymgraspError(f"{output} exists and is no grasps.h5; choose another output")
 
 
-def earlier_frames(run: InferRun) -> dict[str, WorkItem]:
-    """Return the finished frames of an earlier run with the same settings, by name."""
+def earlier_frames(run: InferRun, known: Container[Path] = ()) -> dict[str, WorkItem]:
+    """Return the finished frames of an earlier run with the same settings, by name.
+
+    Parts that are `known` are left out.
+    """
     wanted, items = run.stamp(run.shared_inputs).as_json(), {}
     parts = sorted(grasps_file.parts_folder(run.output).glob("[!.]*.h5"))
-    for path in parts:
+    for path in (each for each in parts if each not in known):
         found = _stamp_of_part(path)
         if (
             _has_same_settings(found, wanted)
@@ -248,6 +251,19 @@ def earlier_frames(run: InferRun) -> dict[str, WorkItem]:
             stamp = Stamp(STAGE, found["config"], found["seed"], found["inputs"])
             items[name] = WorkItem(name, path, stamp)
     return items
+
+
+def refuse_lost_parts(run: InferRun, items: Sequence[WorkItem]) -> None:
+    """Raise SymgraspError if there are parts of frames that `items` lack.
+
+    A run of `infer --watch` was killed, and the camera has removed the images since.
+    """
+    if lost := list(earlier_frames(run, {item.target for item in items})):
+        raise SymgraspError(
+            f"{grasps_file.parts_folder(run.output)} holds {len(lost)} finished frames that are "
+            f"not among those of {run.settings.paths.frames} now, for example {lost[0]}; --watch "
+            "writes them too, --overwrite drops them"
+        )
 
 
 def holds_results(output: Path) -> bool:

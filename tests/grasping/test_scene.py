@@ -23,6 +23,13 @@ def test_the_view_ray_leads_to_the_middle_of_the_region():
     np.testing.assert_allclose(REGION.view_ray, unit(np.median(REGION.points, axis=0)))
 
 
+def test_all_that_a_gripper_may_meet_is_an_obstacle_at_any_distance_of_a_region():
+    for farther in (0.0, 2.5):
+        depth = np.where(SCENE.depth > 0, SCENE.depth + farther, 0.0)
+        obstacles = SceneCloud(depth, CAMERA).coarse.points
+        assert len(obstacles) == len(SceneCloud(SCENE.depth, CAMERA).coarse.points) > 0
+
+
 def test_the_ray_is_found_without_a_table():
     alone = SceneCloud(SCENE.depth, CAMERA)
     assert alone.inward is None

@@ -1,6 +1,7 @@
 """`convert-frames`: any layout to flat pairs, to the last bit; pickles only if trusted."""
 
 import os
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from typer.testing import CliRunner
 
 from pipelines import convert_frames
 from pipelines.configs import ConvertFramesConfig
-from pipelines.errors import StaleOutputError, SymgraspError
+from pipelines.errors import StaleOutputError, SymgraspError, ValueRangeError
 from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.frames import find_frames
 from pipelines.frames.rgbd_folder import FrameOptions
@@ -107,6 +108,16 @@ def test_a_real_pickle_of_python_2_is_converted_to_the_flat_frame(
     flat = {s.name: s for s in find_frames(shared / "frames/6dofgraspnet_realsense")}["blue_mug"]
     assert np.abs(frame.depth - flat.read().depth).max() < 6e-4  # stored in whole millimetres
     assert_array_equal(frame.color, flat.read().color)
+
+
+def test_an_output_that_holds_the_frames_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    build.flat(tmp_path / "in")
+    convert_frames.run(tmp_path / "in", tmp_path / "out", CONFIG)
+    shutil.move(tmp_path / "in", tmp_path / "out" / "in")
+    with pytest.raises(ValueRangeError, match="a folder that does not hold the frames"):
+        convert_frames.run(tmp_path / "out" / "in", tmp_path / "out", CONFIG, overwrite=True)
+    assert find_frames(tmp_path / "out" / "in")
 
 
 def test_a_frame_that_failed_is_reported_again_by_a_second_run(tmp_path: Path) -> None:

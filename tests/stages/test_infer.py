@@ -268,6 +268,36 @@ def test_an_output_whose_frames_all_failed_does_not_block_a_run_with_other_setti
         run(folder, output, seed=2)
 
 
+def settings_of(folder, output, seed=0):
+    return RunSettings(infer.InferPaths(folder, output), CONFIG, seed, "auto", timings=False)
+
+
+def test_finished_frames_whose_images_are_gone_are_not_deleted(tmp_path):
+    folder, output = tmp_path / "frames", tmp_path / "g.h5"
+    for name in ("gone", "kept"):
+        write_frame(folder, name, SHAPES["a"])
+    (item, _) = infer_run.InferRun(settings_of(folder, output)).items(find_frames(folder))
+    infer.infer_frame(item, settings_of(folder, output))
+    for path in folder.glob("gone_*"):
+        path.unlink()
+    with pytest.raises(SymgraspError, match="holds 1 finished frames that are not among"):
+        run(folder, output)
+    assert item.target.exists()
+    overwriting = dataclasses.replace(OPTIONS, overwrite=True)
+    assert run(folder, output, options=overwriting).done == ["kept"]
+
+
+def test_a_dry_run_after_a_killed_run_with_other_settings_lists_its_work(tmp_path):
+    folder, output = tmp_path / "frames", tmp_path / "g.h5"
+    write_frame(folder, "a", SHAPES["a"])
+    settings = settings_of(folder, output, seed=1)
+    (item,) = infer_run.InferRun(settings).items(find_frames(folder))
+    infer.infer_frame(item, settings)
+    report = run(folder, output, options=dataclasses.replace(OPTIONS, dry_run=True))
+    assert (report.exit_code, report.failed) == (0, {})
+    assert item.target.exists()
+
+
 def test_an_empty_frame_is_no_failure(tmp_path):
     write_frame(tmp_path / "frames", "bare", [])
     report = run(tmp_path / "frames", tmp_path / "g.h5")

@@ -84,6 +84,14 @@ def test_a_box_that_is_given_is_drawn_instead_and_frames_may_be_printed(tmp_path
     assert printed["boxes"]["table_1"]["corners"] == [[-0.1, 0.2, 0.0], [0.1, 0.4, 0.3]]
 
 
+def test_a_second_run_returns_the_boxes_and_leaves_masks_that_were_painted(tmp_path):
+    folder = tmp_path / "out"
+    first = workspace.run(FRAMES, folder, ONE)
+    (folder / "table_1_mask.png").write_bytes(b"painted")
+    assert workspace.run(FRAMES, folder, ONE).options() == first.options()
+    assert (folder / "table_1_mask.png").read_bytes() == b"painted"
+
+
 def test_a_folder_with_other_content_is_not_replaced(tmp_path):
     (tmp_path / "mine.txt").write_text("x")
     with pytest.raises(SymgraspError, match="no output of workspace; choose another"):

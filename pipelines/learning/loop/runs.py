@@ -108,6 +108,8 @@ def file_of_run(output: Path, kind: str) -> Path:
 def find_progress(output: Path, stamp: Stamp, request: RunRequest) -> Progress | None:
     """Return the progress of an earlier run that is finished or to be resumed, else None.
 
+    With --resume and --overwrite, a run of the same settings is resumed, any other is replaced.
+
     Raises:
         ValueRangeError: `output` has another ending than .safetensors.
         SymgraspError: there is an earlier run and neither --resume nor --overwrite is given, or
@@ -116,14 +118,16 @@ def find_progress(output: Path, stamp: Stamp, request: RunRequest) -> Progress |
     if output.suffix != ".safetensors":
         raise ValueRangeError("--out", output, "NAME.safetensors")
     checkpoint = file_of_run(output, CHECKPOINT)
-    if request.overwrite or not (checkpoint.exists() or output.exists()):
+    if not (checkpoint.exists() or output.exists()):
+        return None
+    wanted, found = stamp.as_json(), (read_stamp(checkpoint) or {} if checkpoint.exists() else {})
+    changed = [key for key in COMPARED if found.get(key) != wanted[key]]
+    if request.overwrite and (changed or not request.resume):
         return None
     if not checkpoint.exists():
         raise SymgraspError(
             f"{output} exists without {checkpoint.name}; pass --overwrite to train it again"
         )
-    wanted, found = stamp.as_json(), read_stamp(checkpoint) or {}
-    changed = [key for key in COMPARED if found.get(key) != wanted[key]]
     if changed:
         changes = ["other data" if key == "inputs" else f"another {key}" for key in changed]
         raise SymgraspError(

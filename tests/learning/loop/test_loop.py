@@ -299,6 +299,18 @@ def test_a_long_step_is_abandoned_between_its_micro_batches(tmp_path, whole):
     assert_same(output, whole[Line])
 
 
+def test_a_command_with_overwrite_and_resume_resumes_its_own_run_and_replaces_another(
+    tmp_path, whole
+):
+    output = tmp_path / "line.safetensors"
+    for path in whole[Line], file_of_run(whole[Line], CHECKPOINT):
+        shutil.copy(path, tmp_path)
+    both = RunRequest(resume=True, overwrite=True)
+    assert find_progress(output, STAMP, both) is not None
+    assert find_progress(output, replace(STAMP, seed=STAMP.seed + 1), both) is None
+    assert find_progress(output, STAMP, RunRequest(overwrite=True)) is None
+
+
 def test_missing_weights_are_written_again_from_the_checkpoint(tmp_path, whole):
     output = tmp_path / "line.safetensors"
     for path in whole[Line], file_of_run(whole[Line], CHECKPOINT):

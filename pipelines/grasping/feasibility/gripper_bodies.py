@@ -140,7 +140,7 @@ def _is_blocked(
         # Unsigned indices never count from an array's end, so the loop is vectorised.
         for n in range(np.uint64(start[c]), np.uint64(start[c + 1])):
             place = _local(frame, points[0, n], points[1, n], points[2, n])
-            met += count[n] * _bodies_at(bodies, inner, place)
+            met += count[n] * _is_inside(bodies, inner, place)
         if met > allowed:
             return True
     return False
@@ -190,14 +190,14 @@ def _local(frame: GraspFrame, x: Single, y: Single, z: Single) -> SingleVector:
 
 
 @compiled
-def _bodies_at(bodies: Bodies, inner: Single, place: SingleVector) -> int:
-    """Return the number of bodies around a point; `inner`: inner face of a finger along closing."""
+def _is_inside(bodies: Bodies, inner: Single, place: SingleVector) -> int:
+    """Return 1 for a point inside a body, else 0; `inner`: inner face of a finger along closing."""
     along, across, height = place
     back, tip, half, outer = bodies[0]
     finger = (along > back) & (along < tip) & (height < half) & (across > inner) & (across < outer)
     back, tip, half, outer = bodies[1]
     palm = (along > back) & (along < tip) & (height < half) & (across < outer)
-    return int(finger) + int(palm)
+    return int(finger or palm)
 
 
 @compiled

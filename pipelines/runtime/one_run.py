@@ -125,7 +125,7 @@ def _opened_lock(lock: Path, output: Path, stage: str) -> int | None:
     if sys.platform == "win32":
         return None
     while True:
-        handle = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
+        handle = _opened_file(lock)
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             if _is_file_at(handle, lock):
@@ -140,8 +140,17 @@ def _opened_lock(lock: Path, output: Path, stage: str) -> int | None:
         os.close(handle)
     since = datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
     record = {"process": os.getpid(), "host": socket.gethostname(), "since": since}
-    create_temporary(lock, lambda _: _write(handle, json.dumps(record)))
+    with suppress(OSError):  # a file that a killed run of another user left keeps its record
+        create_temporary(lock, lambda _: _write(handle, json.dumps(record)))
     return handle
+
+
+def _opened_file(lock: Path) -> int:
+    """Return the open lock file, made if it does not exist; another user's is open to read."""
+    try:
+        return os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
+    except PermissionError:  # a file that may only be read can be locked too
+        return os.open(lock, os.O_RDONLY | os.O_NOFOLLOW)
 
 
 def _is_file_at(handle: int, path: Path) -> bool:

@@ -94,6 +94,26 @@ def test_an_output_that_cannot_be_locked_is_written_without_a_lock():
         raise OutputInUseError(Path("g.h5"), "toy", {})
 
 
+def test_the_lock_of_another_user_which_may_only_be_read_is_respected(
+    tmp_path, holder, monkeypatch
+):
+    system_open = os.open
+
+    def opened(path, flags, *mode):
+        if flags & os.O_RDWR:
+            raise PermissionError(13, os.strerror(13), str(path))
+        return system_open(path, flags, *mode)
+
+    monkeypatch.setattr(os, "open", opened)
+    output = tmp_path / "new" / "g.h5"
+    with pytest.raises(OutputInUseError, match=f"process {holder.pid} since"):
+        run(output)
+    holder.kill()
+    holder.wait()
+    assert run(output) == [".g.h5.toy.lock"]
+    assert not list(output.parent.iterdir())
+
+
 @pytest.mark.parametrize(
     "stage", [p.stem for p in sorted(Path(pipelines.__file__).parent.glob("*.py"))]
 )

@@ -52,6 +52,7 @@ class Declaration:
         low: smallest accepted number.
         high: largest accepted number.
         fewest: least length of a list of any length.
+        infinite: whether infinity, which means no limit, is accepted within the range.
     """
 
     unit: str
@@ -60,6 +61,7 @@ class Declaration:
     low: float
     high: float
     fewest: int = 1
+    infinite: bool = False
 
 
 def setting(
@@ -71,10 +73,11 @@ def setting(
     low: float = 0.0,
     high: float | None = None,
     fewest: int = 1,
+    infinite: bool = False,
 ) -> Default:
     """Declare a number, or a tuple of numbers, as a field of a config."""
     largest = UNITS[unit] if high is None else high
-    declared = Declaration(unit, meaning, origin, low, largest, fewest)
+    declared = Declaration(unit, meaning, origin, low, largest, fewest, infinite)
     return field(default=default, metadata={DECLARATION: declared})
 
 

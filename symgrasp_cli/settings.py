@@ -12,7 +12,13 @@ from typing import Annotated, Any, TypeVar
 import typer
 
 from pipelines.configs.presets import preset_settings, presets_of
-from pipelines.configs.settings import Setting, changed, changed_by_text, settings_of
+from pipelines.configs.settings import (
+    Setting,
+    changed,
+    changed_by_text,
+    current_name,
+    settings_of,
+)
 from pipelines.configs.stages import default_settings
 from pipelines.configs.toml_files import read_toml
 from pipelines.errors import SettingError
@@ -208,15 +214,17 @@ def settings_chosen(
         config = changed(config, read_toml(file), f"{file}: ")
     for each in sorted(given, key=lambda each: not each.by_variable):
         config = each.applied_to(config)
-    by_option = {
+    given_by = {
         each.option.setting.name: each.option.name for each in given if not each.by_variable
     }
     for text in assignments:
         name, equals, value = (part.strip() for part in text.partition("="))
         if not equals:
             raise SettingError("--set", repr(text), "NAME=VALUE; `symgrasp config` lists the names")
-        if name in by_option:
-            raise SettingError(f"--set {name}", f"given with {by_option[name]}", "given once")
+        current = current_name(config, name)
+        if current in given_by:
+            raise SettingError(f"--set {name}", f"given with {given_by[current]}", "given once")
+        given_by[current] = f"--set {name}"
         config = changed_by_text(config, name, value, "--set: ")
     return config
 

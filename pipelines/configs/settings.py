@@ -75,7 +75,7 @@ def changed(
             why = _before(REMOVED, config)[name]
             log.warning("%ssetting %s is left out: %s", where, name, why)
             continue
-        current = _before(RENAMED, config).get(name, name)
+        current = current_name(config, name)
         replaced = _before(RENAMED_VALUES, config).get(current, {})
         wanted = replaced.get(value, value) if isinstance(value, str) else value
         change = _Change(config, current, where, option or f"{where}{current}")
@@ -87,10 +87,15 @@ def changed_by_text(
     config: Config, name: str, text: str, where: str = "", option: str | None = None
 ) -> Config:
     """Return `config` with the setting `name` as a command line writes it; see `changed`."""
-    current = _before(RENAMED, config).get(name, name)
+    current = current_name(config, name)
     declared = {each.name: each.declared for each in settings_of(config)}
     value = read_text_value(text, declared[current]) if current in declared else text
     return changed(config, {name: value}, where, option)
+
+
+def current_name(config: Any, name: str) -> str:  # noqa: ANN401 - any config
+    """Return the name in `config` of a setting; `name` may be that of an earlier version."""
+    return _before(RENAMED, config).get(name, name)
 
 
 def check_settings(config: Any) -> None:  # noqa: ANN401 - any config

@@ -14,10 +14,11 @@ from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasp_files.gripper_urdf import read_urdf_gripper
 from pipelines.grasping.gripper import Gripper
 from pipelines.pictures.gripper_pictures import draw_gripper
+from pipelines.pictures.palette import ColorImage
 from pipelines.runtime.batch import StageReport
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import write_text
-from pipelines.storage.images import write_image
+from pipelines.storage.images import encode_image, write_image
 from pipelines.storage.provenance import refuse_other_suffix
 
 STAGE = "gripper"
@@ -43,12 +44,14 @@ def run(
     started, report = time.monotonic(), StageReport(STAGE)
     if output is not None:
         refuse_other_suffix(output, ".toml")
-    for path in (output, picture):
-        if path is not None and path.exists() and not overwrite:
-            raise SymgraspError(f"{path} exists; give --overwrite, or another name")
+    if not overwrite:
+        _refuse_existing(picture if output is None else output)
     gripper, odd = gripper_of(source, config)
     if picture is not None:
-        write_image(picture, draw_gripper(gripper))
+        image = draw_gripper(gripper)
+        if not overwrite and not _shows(picture, image):
+            _refuse_existing(picture)
+        write_image(picture, image)
     if output is not None:
         write_text(output, as_gripper_toml(gripper, Path(source).name))
         load_gripper(str(output))
@@ -60,6 +63,19 @@ def run(
     )
     report.seconds = time.monotonic() - started
     return report
+
+
+def _refuse_existing(path: Path | None) -> None:
+    if path is not None and path.exists():
+        raise SymgraspError(f"{path} exists; give --overwrite, or another name")
+
+
+def _shows(picture: Path, image: ColorImage) -> bool:
+    """Return whether the file `picture` is `image`, as a killed run leaves it without a TOML."""
+    try:
+        return picture.read_bytes() == encode_image(image, picture.suffix)
+    except (OSError, SymgraspError):
+        return False
 
 
 def gripper_of(source: str, config: GripperConfig) -> tuple[Gripper, list[str]]:

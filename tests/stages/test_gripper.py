@@ -103,6 +103,31 @@ def test_the_command_writes_a_file_that_infer_takes_and_a_picture(tmp_path):
     assert CliRunner().invoke(app, ["gripper", "from-urdf", str(out)]).exit_code == 2
 
 
+def test_the_same_command_completes_what_a_killed_run_left(tmp_path, monkeypatch):
+    (tmp_path / "g.urdf").write_text(URDF)
+    out, picture = tmp_path / "mine.toml", tmp_path / "mine.png"
+
+    def killed(*_):
+        raise KeyboardInterrupt
+
+    def run():
+        gripper.run(str(tmp_path / "g.urdf"), GripperConfig(), output=out, picture=picture)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(gripper, "write_text", killed)
+        with pytest.raises(KeyboardInterrupt):
+            run()
+    assert picture.is_file()
+    assert not out.exists()
+    run()
+    assert load_gripper(str(out)).name == "toy_hand"
+    out.unlink()
+    picture.write_bytes(b"another picture")
+    with pytest.raises(SymgraspError, match=r"mine\.png exists; give --overwrite"):
+        run()
+    assert not out.exists()
+
+
 @pytest.mark.parametrize(
     ("pose", "note"),
     [

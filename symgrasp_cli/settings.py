@@ -137,6 +137,7 @@ def with_settings(
     options: Mapping[str, str],
     *,
     hidden: Mapping[str, str] | None = None,
+    composite: Mapping[str, Sequence[str]] | None = None,
 ) -> Callable[[Command], Command]:
     """Give a command the settings of `stage`, as its argument `config`.
 
@@ -147,6 +148,7 @@ def with_settings(
         stage: name in `pipelines.configs.stages`.
         options: names of options -> dotted name of the setting that each changes.
         hidden: the same for old names, which help does not list.
+        composite: options by which the command itself changes settings, each with their names.
     """
     known = {each.name: each for each in settings_of(default_settings(stage))}
     variables = VARIABLES.get(stage, {})
@@ -160,8 +162,14 @@ def with_settings(
             preset = values.pop("preset", None)
             style = ReportStyle(values.pop("as_json"), values.pop("quiet"))
             given = _options_given(context, made, values)
+            by_command = {
+                name: option
+                for option, names in (composite or {}).items()
+                if values[option.strip("-").replace("-", "_")] is not None
+                for name in names
+            }
             with reporting_in(style), failure_as_json(stage):
-                chosen = settings_chosen(stage, file, given, assignments or (), preset)
+                chosen = settings_chosen(stage, file, given, assignments or (), preset, by_command)
                 command(config=chosen, **arguments_of(own, values))
 
         declared = inspect.signature(command, eval_str=True).parameters.values()
@@ -201,8 +209,11 @@ def settings_chosen(
     given: Sequence[GivenOption],
     assignments: Sequence[str],
     preset: str | None = None,
+    by_command: Mapping[str, str] | None = None,
 ) -> Any:  # noqa: ANN401 - a config
     """Return settings by precedence: defaults, preset, file, variables, then options and `--set`.
+
+    `by_command`: names of settings that the command will change -> the option that changes them.
 
     Raises:
         SymgraspError: a name is unknown, a value is invalid, or one setting is given twice.
@@ -214,7 +225,7 @@ def settings_chosen(
         config = changed(config, read_toml(file), f"{file}: ")
     for each in sorted(given, key=lambda each: not each.by_variable):
         config = each.applied_to(config)
-    given_by = {
+    given_by = dict(by_command or {}) | {
         each.option.setting.name: each.option.name for each in given if not each.by_variable
     }
     for text in assignments:

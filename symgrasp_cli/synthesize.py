@@ -25,6 +25,10 @@ from symgrasp_cli.settings import named_as, with_settings
         "--collision-labels/--no-collision-labels": "collision_labels",
     },
     hidden={"--splits": "splits"},
+    composite={
+        "--objects-per-scene": ("min_objects", "max_objects"),
+        "--size": ("width", "height"),
+    },
 )
 def synthesize(
     config: SynthesizeConfig,

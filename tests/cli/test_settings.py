@@ -161,6 +161,16 @@ def test_options_go_before_variables_before_the_file_before_defaults(tmp_path):
     assert settings_chosen("infer", None, [], []).gripper == "rg2"
 
 
+@pytest.mark.parametrize(
+    ("option", "name"), [("--objects-per-scene=2-3", "min_objects"), ("--size=64x48", "height")]
+)
+def test_a_setting_of_an_option_for_two_settings_is_not_given_by_set_too(tmp_path, option, name):
+    result = run("synthesize", tmp_path / "new", option, "--set", f"{name}=5")
+    assert result.exit_code == 2
+    shown = option.partition("=")[0]
+    assert f"--set {name} is given with {shown}; it must be given once" in result.stderr
+
+
 def test_a_variable_with_an_impossible_value_is_named(tmp_path):
     result = CliRunner(env={"SYMGRASP_GRIPPER": "nohand"}).invoke(
         app, ["infer", "pipelines/weights/frames", "--out", str(tmp_path / "g.h5")]

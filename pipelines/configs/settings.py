@@ -95,7 +95,7 @@ def changed_by_text(
 
 def current_name(config: Any, name: str) -> str:  # noqa: ANN401 - any config
     """Return the name in `config` of a setting; `name` may be that of an earlier version."""
-    return _before(RENAMED, config).get(name, name)
+    return str(_before(RENAMED, config).get(name, name))
 
 
 def check_settings(config: Any) -> None:  # noqa: ANN401 - any config

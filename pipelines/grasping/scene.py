@@ -35,6 +35,8 @@ class SceneCloud:
         plane: support plane, camera frame, normal to the camera's side; None if unknown.
         limits: limits of grasps; None without limits.
         sensor: errors of the depth camera.
+        objects: (H, W) pixels of the found regions, for methods that grasp in the whole frame;
+            None if no regions were sought.
     """
 
     depth: Array
@@ -42,6 +44,7 @@ class SceneCloud:
     plane: Plane | None = None
     limits: Limits | None = None
     sensor: SensorConfig = field(default_factory=SensorConfig)
+    objects: Mask | None = None
 
     @cached_property
     def xyz(self) -> Array:

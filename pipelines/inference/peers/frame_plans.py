@@ -1,11 +1,12 @@
 """The grasps of a compared method, assigned to regions for `grasps.h5`."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import KDTree
 
-from pipelines.array_types import Array, Indices
+from pipelines.array_types import Array, Indices, Mask
 from pipelines.configs import InferConfig, SelectionConfig
 from pipelines.frames.rgbd import Frame
 from pipelines.grasping.feasibility.feasibility import Feasibility
@@ -42,7 +43,9 @@ def plans_of_frame(
 
     Grasps on no region belong to an additional last region, the rest of the image.
     """
-    grasps, score = best_first(*peer(frame, observation.scene, rng), observation.scene)
+    shown = np.logical_or.reduce([np.zeros(frame.depth.shape, bool), *_masks(observation.regions)])
+    scene = replace(observation.scene, objects=shown)
+    grasps, score = best_first(*peer(frame, scene, rng), scene)
     regions, clouds = observation.in_workspace()
     owner = region_of_each(grasps, clouds)
     if config.selects_for_compared_methods:
@@ -51,11 +54,14 @@ def plans_of_frame(
     kept = best_distinct(grasps)
     owner = owner[kept]
     if (owner == len(regions)).any():
-        taken = [region.mask for region in regions]
-        rest = ~np.logical_or.reduce([np.zeros(frame.depth.shape, bool), *taken])
+        rest = ~np.logical_or.reduce([np.zeros(frame.depth.shape, bool), *_masks(regions)])
         regions = [*regions, Region(rest, 0.0, REST)]
     found = own_ranking(grasps[kept], score[kept], config.method)
     return regions, [Plan(found[owner == i]) for i in range(len(regions))]
+
+
+def _masks(regions: list[Region]) -> list[Mask]:
+    return [region.mask for region in regions]
 
 
 def best_first(grasps: GraspPoses, score: Array, scene: SceneCloud) -> tuple[GraspPoses, Array]:

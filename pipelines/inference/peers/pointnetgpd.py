@@ -9,6 +9,7 @@ from pipelines.array_types import Array, Singles
 from pipelines.frames.rgbd import Frame
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
+from pipelines.grasping.peers.cloud_box import object_points
 from pipelines.grasping.peers.darboux import candidate_hands, over_table
 from pipelines.grasping.peers.hands import MIN_CLOSED_ON, Hands, drawn_points, hand_grasps, thinned
 from pipelines.grasping.scene import SceneCloud
@@ -58,6 +59,6 @@ class PointNetGPDMethod:
 def scene_hands(scene: SceneCloud, rng: np.random.Generator, most: int) -> tuple[Hands, Array]:
     """Return up to `most` candidates of a scene, and the points (m, 3) that may be on objects."""
     points = scene.xyz[scene.near]
-    objects = over_table(points, scene.plane)
+    objects = over_table(scene.xyz[object_points(scene)], scene.plane)
     hands = candidate_hands(thinned(objects), thinned(points), NUM_CANDIDATES, rng)
     return hands[np.arange(len(hands))[:most]], objects

@@ -27,6 +27,7 @@ class Fixed:
         self.score = np.array(scores, float)
 
     def __call__(self, frame, scene, rng):
+        self.scene = scene
         return self.found, self.score
 
 
@@ -43,6 +44,12 @@ def test_grasps_belong_to_the_region_they_are_near_and_others_to_the_rest():
     assert result.grasps.ranker.tolist() == ["own"] * 2
     assert result.grasps.rank_in_frame.tolist() == [1, 0]
     assert not (result.regions.mask(0, 320, 240) & result.regions.mask(1, 320, 240)).any()
+
+
+def test_a_method_is_given_the_pixels_of_the_regions():
+    method = Fixed([ON_BOX], [0.5])
+    result = plan(method)
+    np.testing.assert_array_equal(method.scene.objects, result.regions.mask(0, 320, 240))
 
 
 def test_there_is_no_rest_if_all_grasps_are_near_regions():

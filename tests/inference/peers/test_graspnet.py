@@ -1,5 +1,7 @@
 """GraspNet's baseline on a frame, with a stand-in for the network."""
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 
@@ -10,7 +12,7 @@ from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.peers.cloud_box import boxed_points
 from pipelines.inference.peers.graspnet import GraspNetMethod
 from pipelines.network.peers.graspnet import GraspNetBaseline, Operations, Seeds
-from tests.geometry.tabletops import CAMERA, Can
+from tests.geometry.tabletops import CAMERA, Box, Can
 from tests.grasping.seen_regions import seen
 
 RG2 = load_gripper("rg2")
@@ -63,3 +65,13 @@ def test_the_cloud_is_a_box_around_the_objects_on_the_table():
     assert np.abs(local[:, :2]).max() < 0.06
     assert -0.03 < local[:, 2].min() < 0.01
     assert local[:, 2].max() > 0.11
+
+
+def test_a_wall_is_outside_of_the_box_if_the_regions_are_known():
+    pose, scene, can = seen([Can(0.03, 0.12), Box((0.3, 0.02, 0.2), (0.0, 0.2, 0.0))])
+    reach = [
+        np.abs(((each.xyz[boxed_points(each)] - pose[:3, 3]) @ pose[:3, :3])[:, 1]).max()
+        for each in (scene, replace(scene, objects=can.mask))
+    ]
+    assert reach[0] > 0.18
+    assert reach[1] < 0.06

@@ -52,7 +52,6 @@ class Declaration:
         low: smallest accepted number.
         high: largest accepted number.
         fewest: least length of a list of any length.
-        infinite: whether infinity, which means no limit, is accepted within the range.
     """
 
     unit: str
@@ -61,7 +60,6 @@ class Declaration:
     low: float
     high: float
     fewest: int = 1
-    infinite: bool = False
 
 
 def setting(
@@ -73,11 +71,10 @@ def setting(
     low: float = 0.0,
     high: float | None = None,
     fewest: int = 1,
-    infinite: bool = False,
 ) -> Default:
     """Declare a number, or a tuple of numbers, as a field of a config."""
     largest = UNITS[unit] if high is None else high
-    declared = Declaration(unit, meaning, origin, low, largest, fewest, infinite)
+    declared = Declaration(unit, meaning, origin, low, largest, fewest)
     return field(default=default, metadata={DECLARATION: declared})
 
 

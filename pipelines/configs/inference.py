@@ -117,11 +117,7 @@ class WatchConfig:
         2.0, "s", "Time without a frame after which the output is assembled.", "D. 75"
     )
     timeout: float = setting(
-        inf,
-        "s",
-        "Time without a new frame after which watching ends; inf for never.",
-        BY_EYE,
-        infinite=True,
+        inf, "s", "Time without a new frame after which watching ends; inf for never.", BY_EYE
     )
 
 

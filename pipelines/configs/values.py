@@ -25,7 +25,7 @@ def fitted(value: object, declared: Any, name: str, declaration: Declaration) ->
 
     Raises:
         UnknownNameError: the `Literal` does not list the name.
-        SettingError: the type is wrong, or a number is outside of the range or infinite.
+        SettingError: the type is wrong, or a number is outside of the range.
     """
     if hasattr(value, "tolist"):  # numpy's
         value = value.tolist()
@@ -42,9 +42,6 @@ def fitted(value: object, declared: Any, name: str, declaration: Declaration) ->
         raise SettingError(name, _shown(value), expectation(declared, declaration))
     if is_number and not declaration.low <= value <= declaration.high:  # type: ignore[operator]
         raise SettingError(name, value, expectation(declared, declaration))
-    if value in (math.inf, -math.inf) and not declaration.infinite:
-        expected = expectation(declared, declaration).replace("number", "finite number", 1)
-        raise SettingError(name, value, expected)
     return value
 
 

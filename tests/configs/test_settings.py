@@ -19,7 +19,6 @@ from pipelines.configs import (
     SelectionConfig,
     SymmetryConfig,
     TrainConfig,
-    WorkspaceConfig,
     check_settings,
     from_settings,
 )
@@ -156,21 +155,6 @@ def test_an_empty_list_is_refused_unless_it_stands_for_none(stage):
         else:
             with pytest.raises(SettingError, match=r"an empty list; .*; at least 1"):
                 changed_by_text(config, each.name, "[]")
-
-
-@pytest.mark.parametrize("stage", STAGE_SETTINGS)
-def test_infinity_is_refused_unless_it_stands_for_no_limit(stage):
-    for each in settings_of(default_settings(stage)):
-        if each.declared is not float and each.declared != tuple[float, ...]:
-            continue
-        infinite = (math.inf,) * 6 if isinstance(each.default, tuple) else math.inf
-        if each.name.endswith("watch.timeout"):
-            assert changed(default_settings(stage), {each.name: infinite})
-            continue
-        with pytest.raises(SettingError, match=f"{each.name} is inf; it must be a"):
-            changed(default_settings(stage), {each.name: infinite})
-    with pytest.raises(SettingError, match=r"margin is inf; it must be a finite number in m, at l"):
-        from_settings(WorkspaceConfig, {"margin": math.inf})
 
 
 def test_an_unknown_choice_lists_the_known_ones():

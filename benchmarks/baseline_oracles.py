@@ -21,7 +21,7 @@ from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.peers.hands import hand_grasps
 from pipelines.inference.observation import observe
-from pipelines.inference.peers.frame_plans import best_distinct, best_first
+from pipelines.inference.peers.frame_plans import best_distinct, best_first, scene_with_objects
 from pipelines.inference.peers.pointnetgpd import MOST_SCORED, scene_hands
 from pipelines.metrics.grasp_verdicts import qualities
 
@@ -42,7 +42,7 @@ def best_qualities(root: GraspNetRoot, variant: str) -> dict[str, list[float]]:
         for files in scene.frames():
             rng, truth = np.random.default_rng(0), reader.read(files)
             observation = observe(root.read_frame(files), InferConfig(regions="geometric"), rng)
-            hands, _ = scene_hands(observation.scene, rng, MOST_SCORED[variant])
+            hands, _ = scene_hands(scene_with_objects(observation), rng, MOST_SCORED[variant])
             grasps = hand_grasps(hands, gripper)
             score = true_qualities(grasps, truth, gripper)
             grasps, score = best_first(grasps, score, observation.scene)

@@ -146,7 +146,7 @@ class RankingConfig:
         0.9, "Share of Eq. 8 lost if the space around the finger tips is unseen.", "D. 68"
     )
     max_ranked: int = count(
-        192, "Most grasps ranked in a region and pass, the most stable first.", "D. 82"
+        192, "Most grasps ranked in a region and pass, the most stable first.", "D. 150"
     )
     min_stability: float = fraction(
         0.85, "Least stability for Eq. 8, relative to the most stable free grasp.", "D. 28"

@@ -43,8 +43,7 @@ def plans_of_frame(
 
     Grasps on no region belong to an additional last region, the rest of the image.
     """
-    shown = np.logical_or.reduce([np.zeros(frame.depth.shape, bool), *_masks(observation.regions)])
-    scene = replace(observation.scene, objects=shown)
+    scene = scene_with_objects(observation)
     grasps, score = best_first(*peer(frame, scene, rng), scene)
     regions, clouds = observation.in_workspace()
     owner = region_of_each(grasps, clouds)
@@ -54,14 +53,20 @@ def plans_of_frame(
     kept = best_distinct(grasps)
     owner = owner[kept]
     if (owner == len(regions)).any():
-        rest = ~np.logical_or.reduce([np.zeros(frame.depth.shape, bool), *_masks(regions)])
-        regions = [*regions, Region(rest, 0.0, REST)]
+        regions = [*regions, Region(~_union(regions, frame.depth.shape), 0.0, REST)]
     found = own_ranking(grasps[kept], score[kept], config.method)
     return regions, [Plan(found[owner == i]) for i in range(len(regions))]
 
 
-def _masks(regions: list[Region]) -> list[Mask]:
-    return [region.mask for region in regions]
+def scene_with_objects(observation: Observation) -> SceneCloud:
+    """Return the scene with the pixels of all found regions as its objects."""
+    shape = observation.scene.depth.shape
+    return replace(observation.scene, objects=_union(observation.regions, shape))
+
+
+def _union(regions: list[Region], shape: tuple[int, ...]) -> Mask:
+    masks = [region.mask for region in regions]
+    return np.asarray(np.logical_or.reduce([np.zeros(shape, np.bool_), *masks]))
 
 
 def best_first(grasps: GraspPoses, score: Array, scene: SceneCloud) -> tuple[GraspPoses, Array]:

@@ -78,6 +78,18 @@ def test_a_step_sees_some_points_or_their_mirror_images_with_a_little_noise():
     assert 0.2 < (np.array(signs) > 0).mean() < 0.8
 
 
+def test_the_features_of_a_grasp_are_mirrored_with_its_points():
+    trainee = training(GRASPS, replace(CONFIG, point_share=1.0, jitter=0.0))
+    batch, rows = trainee.load([np.arange(40)], [generator(0)]), trainee.rows[np.arange(40)]
+    names, column = GRASPS.features.candidate, GRASPS.mirrored[0]
+    total = rows.points[..., column].astype(np.float32).sum(axis=1)
+    signs = np.sign(batch.points[..., column].numpy().sum(axis=1) / total)
+    assert set(signs) == {-1.0, 1.0}
+    for k, name in enumerate(names):
+        expected = rows.candidates[:, k] * (signs if name in GRASPS.mirrored_candidates else 1.0)
+        np.testing.assert_allclose(batch.candidates[:, k], expected, rtol=1e-6)
+
+
 def test_the_same_draws_give_the_same_batch():
     trainee = training(GRASPS, replace(CONFIG, jitter=0.1))
     first, second = (trainee.load([np.arange(9)], [generator(0, 3)]).points for _ in range(2))

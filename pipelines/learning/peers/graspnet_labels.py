@@ -121,15 +121,16 @@ def _seen_part(label: HoldingCells, visible: Array, hindered: Mask, T_cam_obj: A
     points = transform_points(T_cam_obj, label.points)
     near = np.flatnonzero(cKDTree(visible).query(points)[0] < NEAR_SURFACE)
     most = max(LEAST_KEPT, int(KEPT_SHARE * len(points)))
-    near = near[:: max(1, -(-len(near) // most))]
+    kept = min(len(near), most)
+    near = near[np.arange(kept) * len(near) // max(1, kept)]
     place = np.full(len(points), -1, np.int32)
     place[near] = np.arange(len(near))
     free = ~hindered.reshape(len(points), CELLS)[label.point, label.cell]
-    kept = free & (place[label.point] >= 0)
+    chosen = free & (place[label.point] >= 0)
     cells = {
-        name: getattr(label, name)[kept] for name in ("cell", "friction", "width", "tolerance")
+        name: getattr(label, name)[chosen] for name in ("cell", "friction", "width", "tolerance")
     }
-    return {"points": points[near].astype(np.float32), "point": place[label.point[kept]], **cells}
+    return {"points": points[near].astype(np.float32), "point": place[label.point[chosen]], **cells}
 
 
 @lru_cache(maxsize=KEPT_LABELS)

@@ -13,6 +13,7 @@ from pipelines.dataset.graspnet.graspnet_labels import (
 from pipelines.dataset.graspnet.graspnet_views import generate_views
 from pipelines.dataset.training.region_frames import FrameSets
 from pipelines.errors import FormatError, ValueRangeError
+from pipelines.learning.peers import graspnet_labels
 from pipelines.learning.peers.graspnet_clouds import labelled_scene
 from pipelines.learning.peers.graspnet_labels import (
     DENSE_POINTS,
@@ -54,6 +55,14 @@ def test_holding_grasps_are_kept_with_their_friction_and_width(root):
     assert set(held.friction.tolist()) == {round(100 * FRICTION[0])}
     assert set(held.width.tolist()) == {70}
     assert not len(holding_cells(root.grasp_label_path(2)).point)  # no grasp holds the ball
+
+
+def test_no_more_labelled_points_are_left_out_than_the_limit_asks(root, frame, monkeypatch):
+    seen = np.bincount(frame["object"])
+    monkeypatch.setattr(graspnet_labels, "LEAST_KEPT", int(seen.max()) - 1)
+    monkeypatch.setattr(graspnet_labels, "KEPT_SHARE", 0.0)
+    kept = graspnet_frame_arrays(root, root.frame(frame_names()[0]))["object"]
+    assert_allclose(np.bincount(kept), np.minimum(seen, seen.max() - 1))
 
 
 def test_colliding_hands_are_no_labels(tmp_path):

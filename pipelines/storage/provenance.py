@@ -76,10 +76,15 @@ def make_stamp(
     seed: int = 0,
     inputs: Mapping[str, str] | None = None,
 ) -> Stamp:
-    """Return the stamp of `stage` run with `config`, a dataclass or a mapping."""
+    """Return the stamp of `stage` run with `config`, a dataclass or a mapping.
+
+    JSON has no infinity: it is stored as the text `inf`.
+    """
     settings = config if isinstance(config, Mapping) else dataclasses.asdict(config)
     # Through JSON and back, so that tuples and lists compare as they will when read again.
-    return Stamp(stage, json.loads(json.dumps(settings, default=str)), seed, dict(inputs or {}))
+    text = json.dumps(settings, default=str)
+    stored = json.loads(text, parse_constant=lambda name: name.replace("Infinity", "inf"))
+    return Stamp(stage, stored, seed, dict(inputs or {}))
 
 
 def digest(path: Path) -> str:

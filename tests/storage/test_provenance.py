@@ -99,6 +99,16 @@ def test_other_content_at_the_place_of_the_stamp_is_not_read_as_stamp(tmp_path, 
         is_finished(tmp_path / "a.json", STAMP)
 
 
+def test_a_setting_without_a_limit_is_stored_as_valid_json(tmp_path):
+    stamp = make_stamp("workspace", {"margin": float("inf"), "low": [float("-inf")]})
+    path = tmp_path / "picture.png"
+    path.write_bytes(b"x")
+    write_sidecar(path, stamp)
+    assert read_stamp(path)["config"] == {"margin": "inf", "low": ["-inf"]}
+    assert is_finished(path, stamp)
+    assert "Infinity" not in stamp.as_text()
+
+
 def test_the_digest_changes_with_the_content(tmp_path):
     path = tmp_path / "a"
     path.write_bytes(b"1")

@@ -1,6 +1,7 @@
 """The page of a report, parsed as a browser would."""
 
 from dataclasses import replace
+from pathlib import Path
 
 from pipelines.evaluation.figures import report_curves, report_rows
 from pipelines.evaluation.pages.gallery import Gallery, Picture, Tag
@@ -9,6 +10,8 @@ from pipelines.evaluation.records import FrameRecord, RowRecord, ScoredPredictio
 from pipelines.evaluation.tallies import ReportTally
 from pipelines.metrics.grasp_verdicts import REASONS, Verdict
 from tests.evaluation.page_reader import Reader
+
+FORMATS = Path(__file__).resolve().parents[3] / "docs" / "reference" / "formats.md"
 
 
 def report() -> dict:
@@ -60,6 +63,25 @@ def test_every_object_of_a_picture_has_its_reason_in_words():
     text = Reader(report_page(report(), gallery())).text
     for index, reason in enumerate(REASONS):
         assert f"mug <{index}>: {reason}" in text
+
+
+def test_the_legend_of_the_pictures_is_that_of_the_documents():
+    page, document = (
+        " ".join(text.split()).lower().replace("**", "")
+        for text in (
+            Reader(report_page(report(), gallery())).text,
+            FORMATS.read_text(encoding="utf-8"),
+        )
+    )
+    for words in (
+        "grippers have the colour of their score: grey for 0, through yellowish green, to green",
+        "grippers of grasps that are not worth trying are thin",
+        "stronger if the best grasp uses them",
+        "score of its best grasp",
+    ):
+        assert words in page
+        assert words in document
+    assert "orange" not in page
 
 
 def test_curves_have_axes_with_labels_and_a_line_a_threshold():

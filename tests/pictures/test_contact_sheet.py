@@ -1,5 +1,7 @@
 """Contact sheets and the pictures on them."""
 
+from urllib.parse import unquote, urlsplit
+
 import numpy as np
 import pytest
 import trimesh
@@ -101,7 +103,15 @@ def test_names_cannot_break_the_page(tmp_path):
     assert "script" not in [tag for tag, _ in reader.found]
     assert '1. <script>&"' in reader.text
     (picture,) = [attrs for tag, attrs in reader.found if tag == "img"]
-    assert (picture["src"], picture["alt"]) == ('objects/<script>&".png', '<script>&"')
+    assert (unquote(picture["src"]), picture["alt"]) == ('objects/<script>&".png', '<script>&"')
+
+
+@pytest.mark.parametrize("name", ["nut#1 50%.2", "what?", "箱 %23"])
+def test_the_index_shows_pictures_of_names_with_characters_of_addresses(tmp_path, name):
+    write_sheets(tmp_path, [tile(name, 0.5)])
+    reader = Reader((tmp_path / "index.html").read_text(encoding="utf-8"))
+    (picture,) = [attrs for tag, attrs in reader.found if tag == "img"]
+    assert unquote(urlsplit(picture["src"]).path) == f"objects/{name}.png"
 
 
 def test_facts_of_an_object_are_written_in_words():

@@ -12,6 +12,9 @@ const standardViews = (scene) => {
   // If the camera looks straight down, the upper side of its picture is ahead.
   const ahead = length(level) > 0.3 ? unit(level) : unit(scale(below, -1));
   const flat = length(away) > 0.3 ? unit(away) : unit(below);
+  // From the optical axis to the farther edges of the picture: half a pixel past the outer centers.
+  const high = Math.max(camera.cy + 0.5, camera.rows - 0.5 - camera.cy) / camera.fy;
+  const wide = Math.max(camera.cx + 0.5, camera.columns - 0.5 - camera.cx) / camera.fx;
   const steep = Math.max(Math.atan2(length(away), dot(seen, up)), SLANT);
   const aside = turned(add(scale(up, Math.cos(steep)), scale(flat, Math.sin(steep))), up, ASIDE);
   return {
@@ -22,8 +25,7 @@ const standardViews = (scene) => {
       target: [0, 0, length(place)],
       up: [0, -1, 0],
       // The whole picture is visible, with a margin if the window has another shape.
-      fovy: 2 * Math.atan(Math.max(
-        camera.rows / (2 * camera.fy), camera.columns / (2 * camera.fx) / aspect)),
+      fovy: 2 * Math.atan(Math.max(high, wide / aspect)),
     }),
   };
 };

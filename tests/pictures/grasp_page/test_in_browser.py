@@ -5,7 +5,9 @@ import json
 import re
 import shutil
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -148,6 +150,37 @@ def test_without_grasps_and_from_the_camera_the_page_shows_the_photograph(tmp_pa
     assert np.median(off[far]) <= 1
 
 
+def answered(folder: Path, names: Sequence[str], ask: str) -> Any:
+    """Return what `ask`, behind the page's scripts of these `names`, prints as JSON."""
+    scripts = "\n".join((HERE / name).read_text(encoding="utf-8") for name in names)
+    (folder / "ask.js").write_text(f"{scripts}\n{ask}", encoding="utf-8")
+    command = [str(NODE), str(folder / "ask.js")]
+    return json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+
+
+@pytest.mark.skipif(NODE is None, reason="no node is installed")
+@pytest.mark.parametrize("center", [(159.5, 119.5), (220.0, 60.0), (90.0, 200.0), (-40.0, 119.5)])
+def test_the_cameras_view_just_holds_the_picture_wherever_its_optical_axis_is(tmp_path, center):
+    camera = {"fx": 260.0, "fy": 300.0, "columns": 320, "rows": 240}
+    camera |= {"cx": center[0], "cy": center[1]}
+    scene = {"camera": camera, "up": [0, -1, 0], "focus": {"place": [0, 0, 1], "radius": 0.2}}
+    aspects = [0.6, 1.0, 1.6, 2.5]
+    ask = f"""
+    const view = standardViews({json.dumps(scene)}).camera;
+    const matrices = {aspects}.map((aspect) => {{
+      const {{ eye, target, up, fovy }} = view(aspect);
+      return Array.from(product(perspective(fovy, aspect, 0.01, 60), lookAt(eye, target, up)));
+    }});
+    console.log(JSON.stringify(matrices));
+    """
+    u, v = np.meshgrid([-0.5, camera["columns"] - 0.5], [-0.5, camera["rows"] - 0.5])
+    x, y = (u - center[0]) / camera["fx"], (v - center[1]) / camera["fy"]
+    corners = np.stack([x, y, np.ones_like(x), np.ones_like(x)], -1).reshape(4, 4)
+    for matrix in answered(tmp_path, ("vectors.js", "orbit.js"), ask):
+        seen = corners @ np.reshape(matrix, (4, 4))
+        assert np.abs(seen[:, :2] / seen[:, 3:]).max() == pytest.approx(1.0, abs=1e-5)
+
+
 @pytest.mark.skipif(NODE is None, reason="no node is installed")
 def test_grippers_and_rays_of_the_scripts_equal_those_of_python(tmp_path):
     table = toy_result(FRAME, INDEX).grasps
@@ -156,7 +189,6 @@ def test_grippers_and_rays_of_the_scripts_equal_those_of_python(tmp_path):
         "translation": table.translation[1].tolist(),
         "boxes": GRIPPER.boxes(table.width[1]).tolist(),
     }
-    scripts = "\n".join((HERE / name).read_text(encoding="utf-8") for name in SCRIPTS)
     ask = f"""
     const grasp = {json.dumps(grasp)}, into = {{solid: [], lines: [], sheets: []}};
     gripper(into, grasp, [1, 0, 0], 1);
@@ -169,9 +201,7 @@ def test_grippers_and_rays_of_the_scripts_equal_those_of_python(tmp_path):
       miss: Number.isFinite(meetsBox([5, 0, -2], [0, 0, 1], [-1, -1, 1], [1, 1, 3])),
       turned: turned([1, 0, 0], [0, 0, 1], Math.PI / 2)}}));
     """
-    (tmp_path / "ask.js").write_text(f"{scripts}\n{ask}", encoding="utf-8")
-    command = [str(NODE), str(tmp_path / "ask.js")]
-    printed = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    printed = answered(tmp_path, SCRIPTS, ask)
     boxes = GRIPPER.boxes(table.width[1])
     wanted = {
         tuple(np.round(table.rotation[1] @ [x, y, z] + table.translation[1], 5))

@@ -43,6 +43,7 @@ NEAREST = 0.02  # metres; shapes with a nearer point are not drawn
 USED_OPACITY, OPACITY = 0.35, 0.1  # of the plane that gave the best grasp, and of others
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 FIXED_BITS = 3  # OpenCV draws at eighths of a pixel
+FARTHEST = 1e6  # eighths of a pixel, of drawn places
 STAMP_TEXT = "provenance"  # the name of the PNG's text
 
 
@@ -76,8 +77,8 @@ def draw_overlay(frame: Frame, result: FrameResult) -> ColorImage:
     height, width = picture.shape[:2]
     masks = [result.regions.mask(i, width, height) for i in range(len(result.regions))]
     for region, mask in enumerate(masks):
+        draw_outline(picture, mask, region, thick)  # beneath the ring of a ball, which covers it
         _draw_symmetries(picture, frame, result, region, mask)
-        draw_outline(picture, mask, region, thick)
     best = np.flatnonzero(result.grasps.is_best)
     for grasp in best[np.argsort(-result.grasps.rank_in_frame[best])]:  # the best grasp on top
         _draw_gripper(picture, frame.intrinsics, result, int(grasp), thick)
@@ -157,8 +158,14 @@ def _draw_symmetries(
     grasps = result.grasps
     used = grasps.symmetry_slot[(grasps.region == region) & grasps.is_best].tolist()
     for slot in existing:
-        opacity = USED_OPACITY if slot in used else OPACITY
-        _draw_symmetry(picture, frame.intrinsics, slots.symmetry(slot), slot, radius, opacity)
+        opacity, symmetry = USED_OPACITY if slot in used else OPACITY, slots.symmetry(slot)
+        if slot == SPHERE_SLOT:
+            _draw_sphere(picture, frame.intrinsics, symmetry.point, cloud)
+        elif slot == ROTATION_SLOT:
+            _draw_axis(picture, frame.intrinsics, symmetry, radius)
+        else:
+            color = rgb(PLANE_COLORS[slot])
+            _draw_plane(picture, frame.intrinsics, symmetry, radius, color, opacity)
 
 
 def _is_known(slots: SymmetrySlots, slot: int) -> bool:
@@ -166,29 +173,24 @@ def _is_known(slots: SymmetrySlots, slot: int) -> bool:
     return bool(known and (slot == SPHERE_SLOT or np.isfinite(slots.direction[slot]).all()))
 
 
-def _draw_symmetry(
-    picture: ColorImage,
-    camera: Intrinsics,
-    symmetry: Symmetry,
-    slot: int,
-    radius: float,
-    opacity: float,
-) -> None:
-    point = symmetry.point
-    if slot == SPHERE_SLOT:
-        pixels = _pixels(camera, point[None])
-        if pixels is not None:
-            size = int(radius * camera.fx / point[2] * (1 << FIXED_BITS))
-            center = (int(pixels[0, 0]), int(pixels[0, 1]))
-            cv2.circle(picture, center, size, rgb(AXIS_COLOR), 1, cv2.LINE_AA, FIXED_BITS)
-    elif slot == ROTATION_SLOT:
-        ends = _pixels(camera, point + 1.3 * radius * np.array([[-1], [1]]) * symmetry.direction)
-        if ends is not None:
-            first, second = ends.tolist()
-            for color, size in ((HALO, 4), (rgb(AXIS_COLOR), 2)):
-                cv2.line(picture, first, second, color, size, cv2.LINE_AA, FIXED_BITS)
-    else:
-        _draw_plane(picture, camera, symmetry, radius, rgb(PLANE_COLORS[slot]), opacity)
+def _draw_sphere(picture: ColorImage, camera: Intrinsics, center: Array, cloud: Array) -> None:
+    """Draw the outline of the sphere about `center` (3,) through the region's points (n, 3)."""
+    radius = float(np.median(np.linalg.norm(cloud - center, axis=1)))
+    pixels = _pixels(camera, center[None])
+    if pixels is None or center[2] <= radius:  # the ball reaches behind the camera
+        return
+    # Rays touch the ball in front of its center, so its outline is larger than its middle.
+    size = camera.fx * radius / np.sqrt(center[2] ** 2 - radius**2) * (1 << FIXED_BITS)
+    place, ring = (int(pixels[0, 0]), int(pixels[0, 1])), round(min(size, FARTHEST))
+    cv2.circle(picture, place, ring, rgb(AXIS_COLOR), 1, cv2.LINE_AA, FIXED_BITS)
+
+
+def _draw_axis(picture: ColorImage, camera: Intrinsics, axis: Symmetry, radius: float) -> None:
+    ends = _pixels(camera, axis.point + 1.3 * radius * np.array([[-1], [1]]) * axis.direction)
+    if ends is not None:
+        first, second = ends.tolist()
+        for color, size in ((HALO, 4), (rgb(AXIS_COLOR), 2)):
+            cv2.line(picture, first, second, color, size, cv2.LINE_AA, FIXED_BITS)
 
 
 def _draw_plane(
@@ -221,4 +223,4 @@ def _pixels(camera: Intrinsics, points: Array) -> NDArray[np.int32] | None:
     if not (points[:, 2] > NEAREST).all():
         return None
     scaled = camera.project(points) * (1 << FIXED_BITS)
-    return np.asarray(np.round(np.clip(scaled, -1e6, 1e6)), np.int32)
+    return np.asarray(np.round(np.clip(scaled, -FARTHEST, FARTHEST)), np.int32)

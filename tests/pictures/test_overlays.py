@@ -7,7 +7,11 @@ import cv2
 import numpy as np
 import pytest
 
+from pipelines.frames.rgbd import Frame
+from pipelines.geometry.camera import Intrinsics
+from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable
 from pipelines.pictures.overlays import draw_overlay, is_drawn, write_overlay
+from pipelines.pictures.palette import AXIS_COLOR, rgb
 from pipelines.storage.images import read_image
 from pipelines.storage.provenance import make_stamp
 from tests.pictures.grasp_page.toys import toy_frame, toy_result
@@ -15,6 +19,37 @@ from tests.pictures.grasp_page.toys import toy_frame, toy_result
 FRAME, INDEX = toy_frame()
 RESULT = toy_result(FRAME, INDEX)
 STAMP = make_stamp("infer", {"gripper": "rg2"}, seed=3, inputs={"é": "sha256:1"})
+BALL_CAMERA = Intrinsics(600.0, 600.0, 319.5, 239.5, 640, 480)
+
+
+def drawn_ball(distance: float, radius: float, hidden: float) -> tuple[np.ndarray, np.ndarray]:
+    """The overlay of a ball whose left part of `hidden`, 0..1, is no region; and its mask (H, W).
+
+    `distance` of the ball's centre ahead of the camera and its `radius` in metres.
+    """
+    rays = BALL_CAMERA.rays()
+    along, square = distance * rays[..., 2], (rays**2).sum(-1)
+    inside = along**2 - square * (distance**2 - radius**2)
+    ball = inside > 0
+    depth = np.where(ball, (along - np.sqrt(np.maximum(inside, 0))) / square, 1.0)
+    columns = np.flatnonzero(ball.any(axis=0))
+    first = columns[0] + hidden * len(columns)
+    mask = ball & (np.arange(BALL_CAMERA.width) >= first)
+    point = np.full((1, 5, 3), np.nan)
+    point[0, 4] = 0, 0, distance
+    regions = RegionTable.from_masks(
+        [mask],
+        confidence=[0.9],
+        source=["detector"],
+        symmetry_confidence=[[0, 0, 0, 0, 0.9]],
+        symmetry_point=point,
+        symmetry_direction=np.full((1, 5, 3), np.nan),
+        affordance_mean=[0],
+        affordance_max=[0],
+    )
+    frame = Frame("ball", np.full((*depth.shape, 3), 120, np.uint8), depth, BALL_CAMERA)
+    result = FrameResult("ball", "ok", "", BALL_CAMERA, 0.0, regions, GraspTable.empty())
+    return draw_overlay(frame, result), ball
 
 
 @pytest.fixture
@@ -52,6 +87,24 @@ def test_a_grasp_that_is_not_worth_trying_is_drawn_faintly():
         for table in (weak, RESULT.grasps)
     ]
     assert 0 < marked[0] < 0.7 * marked[1]
+
+
+@pytest.mark.parametrize(("distance", "hidden"), [(0.5, 0.0), (0.2, 0.0), (0.5, 0.5), (0.5, 0.7)])
+def test_the_ring_of_a_sphere_is_the_outline_of_the_ball_even_if_near_or_partly_hidden(
+    distance, hidden
+):
+    picture, ball = drawn_ball(distance, 0.04, hidden)
+    red = np.abs(picture.astype(int) - rgb(AXIS_COLOR)).max(axis=-1) < 60
+    v, u = np.nonzero(red)
+    ring = np.median(np.hypot(u - BALL_CAMERA.cx, v - BALL_CAMERA.cy))
+    assert len(u) > 100
+    assert abs(ring - np.sqrt(ball.sum() / np.pi)) < 1.0
+
+
+def test_a_ball_that_reaches_behind_the_camera_has_no_ring():
+    for radius in (0.1999999, 0.2, 0.21):
+        picture, _ = drawn_ball(0.2, radius, 0.0)
+        assert not (np.abs(picture.astype(int) - rgb(AXIS_COLOR)).max(axis=-1) < 60).any()
 
 
 def test_the_same_result_gives_the_same_bytes(picture):

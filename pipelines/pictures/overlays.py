@@ -9,6 +9,7 @@ drawn result, as the text `provenance`.
 
 import json
 import zlib
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 
@@ -47,6 +48,15 @@ FARTHEST = 1e6  # eighths of a pixel, of drawn places
 STAMP_TEXT = "provenance"  # the name of the PNG's text
 
 
+@dataclass(frozen=True)
+class _Canvas:
+    """A picture (H, W, 3) to draw on, its camera, and the width of thin lines in pixels."""
+
+    picture: ColorImage
+    camera: Intrinsics
+    thick: int
+
+
 def write_overlay(path: Path, frame: Frame, result: FrameResult, stamp: Stamp) -> None:
     """Draw `result` onto the colour image of `frame` and write it as PNG, atomically.
 
@@ -73,15 +83,16 @@ def is_drawn(path: Path, stamp: Stamp) -> bool:
 def draw_overlay(frame: Frame, result: FrameResult) -> ColorImage:
     """Return the picture (H, W, 3) RGB of a frame with its regions, symmetries and grasps."""
     picture = np.ascontiguousarray(frame.color).copy()
-    thick = max(1, round(picture.shape[1] / 640))
     height, width = picture.shape[:2]
+    thick = max(1, round(width / 640))
+    canvas = _Canvas(picture, frame.intrinsics, thick)
     masks = [result.regions.mask(i, width, height) for i in range(len(result.regions))]
     for region, mask in enumerate(masks):
         draw_outline(picture, mask, region, thick)  # beneath the ring of a ball, which covers it
-        _draw_symmetries(picture, frame, result, region, mask)
+        _draw_symmetries(canvas, frame, result, region, mask)
     best = np.flatnonzero(result.grasps.is_best)
     for grasp in best[np.argsort(-result.grasps.rank_in_frame[best])]:  # the best grasp on top
-        _draw_gripper(picture, frame.intrinsics, result, int(grasp), thick)
+        _draw_gripper(canvas, result, int(grasp))
     for region, mask in enumerate(masks):
         _write_number(picture, result, region, mask)
     return picture
@@ -112,17 +123,15 @@ def _write_number(picture: ColorImage, result: FrameResult, region: int, mask: M
         cv2.putText(picture, text, (x, y), FONT, scale, color, weight, cv2.LINE_AA)
 
 
-def _draw_gripper(
-    picture: ColorImage, camera: Intrinsics, result: FrameResult, grasp: int, thick: int
-) -> None:
-    table = result.grasps
+def _draw_gripper(canvas: _Canvas, result: FrameResult, grasp: int) -> None:
+    picture, thick, table = canvas.picture, canvas.thick, result.grasps
     rotation, middle = table.rotation[grasp].astype(float), table.translation[grasp].astype(float)
     half = float(table.width[grasp]) / 2.0
     corners = np.array([
         [0.0, -half, 0], [-FINGER, -half, 0], [-FINGER, half, 0], [0.0, half, 0],
         [-FINGER, 0, 0], [-FINGER - WRIST, 0, 0],
     ])  # fmt: skip
-    pixels = _pixels(camera, corners @ rotation.T + middle)
+    pixels = _pixels(canvas.camera, corners @ rotation.T + middle)
     if pixels is None:
         return
     r, g, b = score_colors(table.rank_score[grasp : grasp + 1])[0].tolist()
@@ -141,7 +150,7 @@ def _draw_gripper(
 
 
 def _draw_symmetries(
-    picture: ColorImage, frame: Frame, result: FrameResult, region: int, mask: Mask
+    canvas: _Canvas, frame: Frame, result: FrameResult, region: int, mask: Mask
 ) -> None:
     table = result.regions
     slots = SymmetrySlots(
@@ -151,8 +160,8 @@ def _draw_symmetries(
     )
     found = np.flatnonzero(slots.probability > 0.5).tolist()
     existing = [slot for slot in found if _is_known(slots, slot)]
-    cloud = frame.intrinsics.backproject(frame.depth)[mask & (frame.depth > 0)]
-    if not existing or not len(cloud):
+    cloud = _points_of(frame, mask) if existing else np.zeros((0, 3))
+    if not len(cloud):
         return
     radius = float(np.percentile(np.linalg.norm(cloud - np.median(cloud, axis=0), axis=1), 90))
     grasps = result.grasps
@@ -160,12 +169,18 @@ def _draw_symmetries(
     for slot in existing:
         opacity, symmetry = USED_OPACITY if slot in used else OPACITY, slots.symmetry(slot)
         if slot == SPHERE_SLOT:
-            _draw_sphere(picture, frame.intrinsics, symmetry.point, cloud)
+            _draw_sphere(canvas, symmetry.point, cloud)
         elif slot == ROTATION_SLOT:
-            _draw_axis(picture, frame.intrinsics, symmetry, radius)
+            _draw_axis(canvas, symmetry, radius)
         else:
-            color = rgb(PLANE_COLORS[slot])
-            _draw_plane(picture, frame.intrinsics, symmetry, radius, color, opacity)
+            _draw_plane(canvas, symmetry, radius, rgb(PLANE_COLORS[slot]), opacity)
+
+
+def _points_of(frame: Frame, mask: Mask) -> Array:
+    """Return the points (n, 3) of the pixels of `mask` (H, W) with depth, camera frame."""
+    rows, columns = np.nonzero(mask & (frame.depth > 0))
+    pixels = np.stack([columns, rows], axis=1).astype(np.float64)
+    return frame.intrinsics.points_at(pixels, frame.depth[rows, columns].astype(np.float64))
 
 
 def _is_known(slots: SymmetrySlots, slot: int) -> bool:
@@ -173,33 +188,31 @@ def _is_known(slots: SymmetrySlots, slot: int) -> bool:
     return bool(known and (slot == SPHERE_SLOT or np.isfinite(slots.direction[slot]).all()))
 
 
-def _draw_sphere(picture: ColorImage, camera: Intrinsics, center: Array, cloud: Array) -> None:
+def _draw_sphere(canvas: _Canvas, center: Array, cloud: Array) -> None:
     """Draw the outline of the sphere about `center` (3,) through the region's points (n, 3)."""
     radius = float(np.median(np.linalg.norm(cloud - center, axis=1)))
-    pixels = _pixels(camera, center[None])
+    pixels = _pixels(canvas.camera, center[None])
     if pixels is None or center[2] <= radius:  # the ball reaches behind the camera
         return
     # Rays touch the ball in front of its center, so its outline is larger than its middle.
-    size = camera.fx * radius / np.sqrt(center[2] ** 2 - radius**2) * (1 << FIXED_BITS)
+    size = canvas.camera.fx * radius / np.sqrt(center[2] ** 2 - radius**2) * (1 << FIXED_BITS)
     place, ring = (int(pixels[0, 0]), int(pixels[0, 1])), round(min(size, FARTHEST))
-    cv2.circle(picture, place, ring, rgb(AXIS_COLOR), 1, cv2.LINE_AA, FIXED_BITS)
+    color = rgb(AXIS_COLOR)
+    cv2.circle(canvas.picture, place, ring, color, canvas.thick, cv2.LINE_AA, FIXED_BITS)
 
 
-def _draw_axis(picture: ColorImage, camera: Intrinsics, axis: Symmetry, radius: float) -> None:
-    ends = _pixels(camera, axis.point + 1.3 * radius * np.array([[-1], [1]]) * axis.direction)
+def _draw_axis(canvas: _Canvas, axis: Symmetry, radius: float) -> None:
+    ends = _pixels(
+        canvas.camera, axis.point + 1.3 * radius * np.array([[-1], [1]]) * axis.direction
+    )
     if ends is not None:
         first, second = ends.tolist()
-        for color, size in ((HALO, 4), (rgb(AXIS_COLOR), 2)):
-            cv2.line(picture, first, second, color, size, cv2.LINE_AA, FIXED_BITS)
+        for color, size in ((HALO, 4 * canvas.thick), (rgb(AXIS_COLOR), 2 * canvas.thick)):
+            cv2.line(canvas.picture, first, second, color, size, cv2.LINE_AA, FIXED_BITS)
 
 
 def _draw_plane(
-    picture: ColorImage,
-    camera: Intrinsics,
-    plane: Symmetry,
-    radius: float,
-    color: Color,
-    opacity: float,
+    canvas: _Canvas, plane: Symmetry, radius: float, color: Color, opacity: float
 ) -> None:
     # One side of the quad is level in the image, so the quad looks like a sheet, not a kite.
     across = np.cross(plane.direction, [0.0, 1.0, 0.0])
@@ -209,13 +222,14 @@ def _draw_plane(
     up = np.cross(plane.direction, across)
     signs = np.array([[-1, -1], [-1, 1], [1, 1], [1, -1]])
     corners = plane.point + 0.8 * radius * (signs[:, :1] * across + signs[:, 1:] * up)
-    pixels = _pixels(camera, corners)
+    pixels = _pixels(canvas.camera, corners)
     if pixels is None:
         return
+    picture = canvas.picture
     sheet = picture.copy()
     cv2.fillConvexPoly(sheet, pixels, color, cv2.LINE_AA, FIXED_BITS)
     cv2.addWeighted(sheet, opacity, picture, 1.0 - opacity, 0.0, dst=picture)
-    cv2.polylines(picture, [pixels], True, color, 1, cv2.LINE_AA, FIXED_BITS)
+    cv2.polylines(picture, [pixels], True, color, canvas.thick, cv2.LINE_AA, FIXED_BITS)
 
 
 def _pixels(camera: Intrinsics, points: Array) -> NDArray[np.int32] | None:

@@ -11,7 +11,7 @@ from pipelines.frames.rgbd import Frame
 from pipelines.geometry.camera import Intrinsics
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable
 from pipelines.pictures.overlays import draw_overlay, is_drawn, write_overlay
-from pipelines.pictures.palette import AXIS_COLOR, rgb
+from pipelines.pictures.palette import AXIS_COLOR, PLANE_COLORS, rgb
 from pipelines.storage.images import read_image
 from pipelines.storage.provenance import make_stamp
 from tests.pictures.grasp_page.toys import toy_frame, toy_result
@@ -19,7 +19,30 @@ from tests.pictures.grasp_page.toys import toy_frame, toy_result
 FRAME, INDEX = toy_frame()
 RESULT = toy_result(FRAME, INDEX)
 STAMP = make_stamp("infer", {"gripper": "rg2"}, seed=3, inputs={"é": "sha256:1"})
+COLOR_OF_SLOT = (*PLANE_COLORS, AXIS_COLOR, AXIS_COLOR)
 BALL_CAMERA = Intrinsics(600.0, 600.0, 319.5, 239.5, 640, 480)
+
+
+def enlarged(factor: int, slot: int) -> tuple[Frame, FrameResult]:
+    """The frame at `factor` times its size, in grey, and its first region with a symmetry."""
+
+    def large(pixels: np.ndarray) -> np.ndarray:
+        return np.repeat(np.repeat(pixels, factor, 0), factor, 1)
+
+    camera = FRAME.intrinsics.resized(*(factor * size for size in RESULT.size))
+    regions = RegionTable.from_masks(
+        [large(INDEX == 0)],
+        confidence=[0.9],
+        source=["detector"],
+        symmetry_confidence=np.eye(5)[[slot]],
+        symmetry_point=RESULT.regions.symmetry_point[:1],
+        symmetry_direction=RESULT.regions.symmetry_direction[:1],
+        affordance_mean=[0],
+        affordance_max=[0],
+    )
+    depth = large(FRAME.depth)
+    frame = Frame("large", np.full((*depth.shape, 3), 120, np.uint8), depth, camera)
+    return frame, FrameResult("large", "ok", "", camera, 0.0, regions, GraspTable.empty())
 
 
 def drawn_ball(distance: float, radius: float, hidden: float) -> tuple[np.ndarray, np.ndarray]:
@@ -87,6 +110,21 @@ def test_a_grasp_that_is_not_worth_trying_is_drawn_faintly():
         for table in (weak, RESULT.grasps)
     ]
     assert 0 < marked[0] < 0.7 * marked[1]
+
+
+@pytest.mark.parametrize("slot", [0, 3, 4])
+def test_symmetries_cover_the_same_part_of_small_and_large_pictures(slot):
+    parts = []
+    for factor in (2, 8):
+        drawn = draw_overlay(*enlarged(factor, slot)).astype(int)
+        parts.append((np.abs(drawn - rgb(COLOR_OF_SLOT[slot])).max(axis=-1) < 60).mean())
+    assert parts[0] > 1e-4
+    assert parts[1] == pytest.approx(parts[0], rel=0.3)
+
+
+def test_only_points_of_regions_are_computed_for_their_symmetries(monkeypatch):
+    monkeypatch.setattr(Intrinsics, "backproject", None)
+    assert (draw_overlay(FRAME, RESULT) != FRAME.color).any()
 
 
 @pytest.mark.parametrize(("distance", "hidden"), [(0.5, 0.0), (0.2, 0.0), (0.5, 0.5), (0.5, 0.7)])

@@ -9,6 +9,7 @@ drawn result, as the text `provenance`.
 
 import json
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -45,6 +46,7 @@ USED_OPACITY, OPACITY = 0.35, 0.1  # of the plane that gave the best grasp, and 
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 FIXED_BITS = 3  # OpenCV draws at eighths of a pixel
 FARTHEST = 1e6  # eighths of a pixel, of drawn places
+TextBox = tuple[int, int, int, int]  # x0, y0, x1, y1 pixels
 STAMP_TEXT = "provenance"  # the name of the PNG's text
 
 
@@ -93,8 +95,7 @@ def draw_overlay(frame: Frame, result: FrameResult) -> ColorImage:
     best = np.flatnonzero(result.grasps.is_best)
     for grasp in best[np.argsort(-result.grasps.rank_in_frame[best])]:  # the best grasp on top
         _draw_gripper(canvas, result, int(grasp))
-    for region, mask in enumerate(masks):
-        _write_number(picture, result, region, mask)
+    _write_numbers(picture, result, masks)
     return picture
 
 
@@ -104,23 +105,52 @@ def draw_outline(picture: ColorImage, mask: Mask, region: int, thick: int) -> No
     cv2.drawContours(picture, contours, -1, rgb(region_color(region)), thick, cv2.LINE_AA)
 
 
-def _write_number(picture: ColorImage, result: FrameResult, region: int, mask: Mask) -> None:
-    """Write a region's number, its best score, and its status if not measured, above its mask."""
-    rows, columns = np.nonzero(mask)
-    if not len(rows):
-        return
+def _write_numbers(picture: ColorImage, result: FrameResult, masks: Sequence[Mask]) -> None:
+    """Write the label of each region above its mask, or where it hides no label before it."""
+    scale = picture.shape[1] / 1280
+    rim = max(1, round(3 * scale))  # of the halo around the letters
+    boxes: list[TextBox] = []
+    for region, mask in enumerate(masks):
+        rows, columns = np.nonzero(mask)
+        if not len(rows):
+            continue
+        text = _label(result, region)
+        (width, height), _ = cv2.getTextSize(text, FONT, scale, 1)
+        x = int(np.clip(np.median(columns) - width / 2, 0, picture.shape[1] - width))
+        y = int(np.clip(rows.min() - height // 2, height + 1, picture.shape[0] - 2))
+        box = _free_box((x - rim, y - height - rim, x + width + rim, y + rim), boxes, picture)
+        boxes.append(box)
+        place = x, box[3] - rim
+        for color, size in ((HALO, 3), (rgb(region_color(region)), 1)):
+            weight = max(1, round(size * scale * 2))
+            cv2.putText(picture, text, place, FONT, scale, color, weight, cv2.LINE_AA)
+
+
+def _label(result: FrameResult, region: int) -> str:
+    """Return a region's number, its best score, and its status if not measured."""
     grasps = result.grasps
     best = grasps.rank_score[(grasps.region == region) & grasps.is_best]
     status = str(result.regions.status[region])
     text = f"{region}" + (f": {best[0]:.2f}" if len(best) else "")
-    text += "" if status == REGION_MEASURED else f" {status.replace('_', ' ')}"
-    scale = picture.shape[1] / 1280
-    (width, height), _ = cv2.getTextSize(text, FONT, scale, 1)
-    x = int(np.clip(np.median(columns) - width / 2, 0, picture.shape[1] - width))
-    y = int(np.clip(rows.min() - height // 2, height + 1, picture.shape[0] - 2))
-    for color, size in ((HALO, 3), (rgb(region_color(region)), 1)):
-        weight = max(1, round(size * scale * 2))
-        cv2.putText(picture, text, (x, y), FONT, scale, color, weight, cv2.LINE_AA)
+    return text + ("" if status == REGION_MEASURED else f" {status.replace('_', ' ')}")
+
+
+def _free_box(box: TextBox, others: Sequence[TextBox], picture: ColorImage) -> TextBox:
+    """Return `box` moved up or down by the fewest of its heights, to meet none of `others`.
+
+    A picture without such a place within its edges gives `box` as it is.
+    """
+    x0, y0, x1, y1 = box
+    height, rows = y1 - y0, picture.shape[0]
+    for step in sorted(range(-(rows // height), rows // height + 1), key=abs):
+        top, bottom = y0 + step * height, y1 + step * height
+        is_free = all(
+            x1 <= left or right <= x0 or bottom <= high or low <= top
+            for left, high, right, low in others
+        )
+        if is_free and (step == 0 or (top >= 0 and bottom <= rows)):
+            return x0, top, x1, bottom
+    return box
 
 
 def _draw_gripper(canvas: _Canvas, result: FrameResult, grasp: int) -> None:

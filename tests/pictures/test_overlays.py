@@ -11,7 +11,7 @@ from pipelines.frames.rgbd import Frame
 from pipelines.geometry.camera import Intrinsics
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable
 from pipelines.pictures.overlays import draw_overlay, is_drawn, write_overlay
-from pipelines.pictures.palette import AXIS_COLOR, PLANE_COLORS, rgb
+from pipelines.pictures.palette import AXIS_COLOR, PLANE_COLORS, region_color, rgb
 from pipelines.storage.images import read_image
 from pipelines.storage.provenance import make_stamp
 from tests.pictures.grasp_page.toys import toy_frame, toy_result
@@ -110,6 +110,45 @@ def test_a_grasp_that_is_not_worth_trying_is_drawn_faintly():
         for table in (weak, RESULT.grasps)
     ]
     assert 0 < marked[0] < 0.7 * marked[1]
+
+
+def numbered(columns: list[int], shown: list[int], width: int) -> np.ndarray:
+    """The overlay (H, W, 3) of narrow regions at `columns`; the masks not in `shown` are empty."""
+    camera = Intrinsics(600.0, 600.0, width / 2, width / 4, width, width // 2)
+    place = np.arange(width)
+    masks = np.zeros((len(columns), camera.height, width), bool)
+    for region in shown:
+        masks[region, camera.height // 2 :] = np.abs(place - columns[region]) <= 2
+    regions = RegionTable.from_masks(
+        list(masks),
+        confidence=np.ones(len(columns)),
+        source=["detector"] * len(columns),
+        status=["no_depth"] * len(columns),
+        symmetry_confidence=np.zeros((len(columns), 5)),
+        symmetry_point=np.full((len(columns), 5, 3), np.nan),
+        symmetry_direction=np.full((len(columns), 5, 3), np.nan),
+        affordance_mean=np.zeros(len(columns)),
+        affordance_max=np.zeros(len(columns)),
+    )
+    frame = Frame("row", np.full((*masks.shape[1:], 3), 120, np.uint8), masks[0] * 0.0, camera)
+    return draw_overlay(frame, FrameResult("row", "ok", "", camera, 0.0, regions))
+
+
+@pytest.mark.parametrize("columns", [[300, 310, 320, 330], [2, 9, 630, 637]])
+def test_labels_of_neighboring_regions_do_not_hide_each_other(columns):
+    regions = list(range(len(columns)))
+    together = numbered(columns, regions, 640)
+    for region in regions:
+        color = rgb(region_color(region))
+        alone = numbered(columns, [region], 640)
+        ink, left = ((picture == color).all(axis=-1).sum() for picture in (alone, together))
+        assert left >= 0.98 * ink
+
+
+def test_a_label_without_a_free_place_is_written_all_the_same():
+    regions = list(range(60))
+    picture = numbered([320] * 60, regions, 640)[:150]  # above the regions
+    assert (picture == rgb(region_color(59))).all(axis=-1).any()
 
 
 @pytest.mark.parametrize("slot", [0, 3, 4])

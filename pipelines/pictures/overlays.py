@@ -26,6 +26,7 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT, Symmetry, SymmetrySlots
 from pipelines.geometry.transforms import unit
 from pipelines.grasp_files.grasps_tables import REGION_MEASURED, FrameResult
+from pipelines.pictures.lettering import write_with_halo
 from pipelines.pictures.palette import (
     AXIS_COLOR,
     CONTACT_COLOR,
@@ -108,22 +109,20 @@ def draw_outline(picture: ColorImage, mask: Mask, region: int, thick: int) -> No
 def _write_numbers(picture: ColorImage, result: FrameResult, masks: Sequence[Mask]) -> None:
     """Write the label of each region above its mask, or where it hides no label before it."""
     scale = picture.shape[1] / 1280
-    rim = max(1, round(3 * scale))  # of the halo around the letters
+    weight = rim = max(1, round(2 * scale))
     boxes: list[TextBox] = []
     for region, mask in enumerate(masks):
         rows, columns = np.nonzero(mask)
         if not len(rows):
             continue
         text = _label(result, region)
-        (width, height), _ = cv2.getTextSize(text, FONT, scale, 1)
+        (width, height), _ = cv2.getTextSize(text, FONT, scale, weight)
         x = int(np.clip(np.median(columns) - width / 2, 0, picture.shape[1] - width))
         y = int(np.clip(rows.min() - height // 2, height + 1, picture.shape[0] - 2))
         box = _free_box((x - rim, y - height - rim, x + width + rim, y + rim), boxes, picture)
         boxes.append(box)
-        place = x, box[3] - rim
-        for color, size in ((HALO, 3), (rgb(region_color(region)), 1)):
-            weight = max(1, round(size * scale * 2))
-            cv2.putText(picture, text, place, FONT, scale, color, weight, cv2.LINE_AA)
+        inks = rgb(region_color(region)), HALO
+        write_with_halo(picture, text, (x, box[3] - rim), scale, inks, weight=weight, rim=rim)
 
 
 def _label(result: FrameResult, region: int) -> str:

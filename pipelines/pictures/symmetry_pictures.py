@@ -25,6 +25,7 @@ from pipelines.geometry.symmetry import (
 )
 from pipelines.geometry.transforms import invert, transform_points
 from pipelines.geometry.viewpoints import camera, oblique_view, symmetry_view
+from pipelines.pictures.lettering import write_with_halo
 from pipelines.pictures.palette import Color, ColorImage
 
 VIEW = 200  # pixels, side length of each of the two views
@@ -254,13 +255,12 @@ def _dot(picture: ColorImage, pixel: Array, radius: int, color: Color) -> None:
 
 def _label(picture: ColorImage, text: str, pixel: Array, color: Color) -> None:
     """Write `text` next to `pixel`, within the picture, on a white halo."""
-    (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_DUPLEX, 0.45 * FINE, FINE)
+    font, scale = cv2.FONT_HERSHEY_DUPLEX, 0.45 * FINE
+    (width, height), _ = cv2.getTextSize(text, font, scale, FINE)
     x = int(np.clip(pixel[0] + 4 * FINE, 0, picture.shape[1] - width - 2))
     y = int(np.clip(pixel[1] + 3 * FINE, height + 2, picture.shape[0] - 4))
-    for ink, thick in ((PAPER, 3 * FINE), (color, FINE)):
-        cv2.putText(
-            picture, text, (x, y), cv2.FONT_HERSHEY_DUPLEX, 0.45 * FINE, ink, thick, cv2.LINE_AA
-        )
+    inks = color, PAPER
+    write_with_halo(picture, text, (x, y), scale, inks, weight=FINE, rim=FINE, font=font)
 
 
 def _fixed(pixel: Array) -> tuple[int, int]:

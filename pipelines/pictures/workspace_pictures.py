@@ -11,13 +11,13 @@ from pipelines.frames.rgbd import Frame
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import invert, transform_points
 from pipelines.grasping.feasibility.workspace_box import WorkspaceBox
+from pipelines.pictures.lettering import write_with_halo
 from pipelines.pictures.overlays import draw_outline
 from pipelines.pictures.palette import Color, ColorImage, region_color, rgb
 
 AXIS_COLORS: tuple[Color, ...] = ((255, 70, 70), (70, 230, 70), (90, 140, 255))  # x, y, z
 AXIS_LENGTH = 0.10  # metres
 EDGE_COLOR: Color = (255, 255, 255)
-LETTERS = cv2.FONT_HERSHEY_SIMPLEX
 LINE_SEGMENTS = 24  # of a line; segments behind the camera are not drawn
 NEAR_PLANE = 0.05  # metres
 SHADE = 0.45  # brightness outside of the workspace
@@ -73,5 +73,5 @@ def _line_in_space(
 
 def _letter(picture: ColorImage, text: str, place: Array, color: Color, thick: int) -> None:
     x, y = np.clip(np.rint(place), -30000, 30000).astype(int).tolist()
-    for ink, weight in (((0, 0, 0), thick + 2), (color, thick)):
-        cv2.putText(picture, text, (x + 3, y - 3), LETTERS, 0.5 * thick, ink, weight, cv2.LINE_AA)
+    inks = color, (0, 0, 0)
+    write_with_halo(picture, text, (x + 3, y - 3), 0.5 * thick, inks, weight=thick, rim=thick)

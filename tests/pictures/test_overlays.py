@@ -145,6 +145,14 @@ def test_labels_of_neighboring_regions_do_not_hide_each_other(columns):
         assert left >= 0.98 * ink
 
 
+def test_a_labels_halo_is_on_all_sides_of_its_letters():
+    picture = numbered([640], [0], 1280)[:320]  # above the region
+    dark, ink = (picture == 0).all(axis=-1), (picture == rgb(region_color(0))).all(axis=-1)
+    columns = [np.flatnonzero(layer.any(axis=0)) for layer in (dark, ink)]
+    assert 1 <= columns[1][0] - columns[0][0] <= 3
+    assert 1 <= columns[0][-1] - columns[1][-1] <= 3
+
+
 def test_a_label_without_a_free_place_is_written_all_the_same():
     regions = list(range(60))
     picture = numbered([320] * 60, regions, 640)[:150]  # above the regions

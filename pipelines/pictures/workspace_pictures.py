@@ -11,8 +11,8 @@ from pipelines.frames.rgbd import Frame
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import invert, transform_points
 from pipelines.grasping.feasibility.workspace_box import WorkspaceBox
+from pipelines.pictures.frame_canvas import FrameCanvas
 from pipelines.pictures.lettering import write_with_halo
-from pipelines.pictures.overlays import draw_outline
 from pipelines.pictures.palette import Color, ColorImage, region_color, rgb
 
 AXIS_COLORS: tuple[Color, ...] = ((255, 70, 70), (70, 230, 70), (90, 140, 255))  # x, y, z
@@ -35,11 +35,11 @@ def draw_workspace(
         inside: (H, W) pixels in the workspace.
         regions: masks (H, W) of regions, drawn with their numbers.
     """
-    picture = np.ascontiguousarray(frame.color).copy()
+    canvas = FrameCanvas.of(frame)
+    picture, thick = canvas.picture, canvas.thick
     picture[~inside] = (picture[~inside] * SHADE).astype(np.uint8)
-    thick = max(1, round(picture.shape[1] / 640))
     for number, mask in enumerate(regions):
-        draw_outline(picture, mask, number, thick)
+        canvas.outline(mask, rgb(region_color(number)))
         rows, columns = np.nonzero(mask)
         place = np.array([np.median(columns), np.median(rows)])
         _letter(picture, str(number), place, rgb(region_color(number)), thick)

@@ -11,7 +11,7 @@ from pipelines.frames.rgbd import Frame
 from pipelines.geometry.camera import Intrinsics
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable
 from pipelines.pictures.overlays import draw_overlay, is_drawn, write_overlay
-from pipelines.pictures.palette import AXIS_COLOR, PLANE_COLORS, region_color, rgb
+from pipelines.pictures.palette import AXIS_COLOR, CONTACT_COLOR, PLANE_COLORS, region_color, rgb
 from pipelines.storage.images import read_image
 from pipelines.storage.provenance import make_stamp
 from tests.pictures.grasp_page.toys import toy_frame, toy_result
@@ -112,7 +112,13 @@ def test_a_grasp_that_is_not_worth_trying_is_drawn_faintly():
     assert 0 < marked[0] < 0.7 * marked[1]
 
 
-def numbered(columns: list[int], shown: list[int], width: int) -> np.ndarray:
+def numbered(
+    columns: list[int],
+    shown: list[int],
+    width: int,
+    part: tuple[int, int, int, int] | None = None,
+    final: int | None = None,
+) -> np.ndarray:
     """The overlay (H, W, 3) of narrow regions at `columns`; the masks not in `shown` are empty."""
     camera = Intrinsics(600.0, 600.0, width / 2, width / 4, width, width // 2)
     place = np.arange(width)
@@ -131,7 +137,8 @@ def numbered(columns: list[int], shown: list[int], width: int) -> np.ndarray:
         affordance_max=np.zeros(len(columns)),
     )
     frame = Frame("row", np.full((*masks.shape[1:], 3), 120, np.uint8), masks[0] * 0.0, camera)
-    return draw_overlay(frame, FrameResult("row", "ok", "", camera, 0.0, regions))
+    result = FrameResult("row", "ok", "", camera, 0.0, regions)
+    return draw_overlay(frame, result, part, final)
 
 
 @pytest.mark.parametrize("columns", [[300, 310, 320, 330], [2, 9, 630, 637]])
@@ -143,6 +150,38 @@ def test_labels_of_neighboring_regions_do_not_hide_each_other(columns):
         alone = numbered(columns, [region], 640)
         ink, left = ((picture == color).all(axis=-1).sum() for picture in (alone, together))
         assert left >= 0.98 * ink
+
+
+@pytest.mark.parametrize("width", [64, 160, 320, 640, 1280])
+def test_digits_of_labels_are_large_enough_to_be_told_apart(width):
+    picture = numbered([width // 2], [0], width)[: width // 4]  # above the region
+    rows, columns = np.nonzero((picture == rgb(region_color(0))).all(axis=-1))
+    assert np.ptp(rows) >= max(7, width / 100)
+    assert columns.min() <= 0.5 * width
+
+
+def test_a_part_of_a_frame_is_drawn_at_its_final_size():
+    """Contacts are where the camera sees them; lines and labels are those of a whole picture."""
+    part, width = (90, 70, 250, 190), 960
+    picture = draw_overlay(FRAME, RESULT, part, width)
+    assert picture.shape == (720, 960, 3)
+    grasps = RESULT.grasps
+    contacts = FRAME.intrinsics.project(grasps.contacts[grasps.is_best]).reshape(-1, 2)
+    places = (contacts - part[:2] + 0.5) * 6 - 0.5
+    u, v = np.round(places[((places > 0) & (places < (960, 720))).all(axis=1)]).astype(int).T
+    assert len(u) > 1
+    assert (picture[v, u] == rgb(CONTACT_COLOR)).all(axis=-1).mean() >= 0.5  # others have a label
+    grey, result = enlarged(2, 3)
+    red = (draw_overlay(grey, result, (160, 120, 480, 360), 640) == rgb(AXIS_COLOR)).all(axis=-1)
+    assert red.any(axis=0).sum() > 20
+    assert np.median(red.sum(axis=0)[red.any(axis=0)]) <= 3  # the axis is level
+
+
+def test_regions_outside_of_the_part_have_no_label():
+    columns = [100, 500]
+    camera_sees = numbered(columns, [0, 1], 640, (0, 0, 320, 320), 640)
+    assert (camera_sees == rgb(region_color(0))).all(axis=-1).any()
+    assert not (camera_sees == rgb(region_color(1))).all(axis=-1).any()
 
 
 def test_a_labels_halo_is_on_all_sides_of_its_letters():

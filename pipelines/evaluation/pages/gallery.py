@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from pipelines.array_types import Mask
@@ -149,10 +148,9 @@ def _picture(
     label = root.read_label(files)
     verdicts = record.rows[row].verdicts
     masks = [label == verdict.object_id + 1 for verdict in verdicts]
-    left, top, right, bottom = window = _window(np.any(masks, axis=0))
-    picture = draw_overlay(root.read_frame(files), result)[top:bottom, left:right]
-    size = (WIDTH, round(WIDTH * picture.shape[0] / picture.shape[1]))
-    shown = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA))
+    window = _window(np.any(masks, axis=0))
+    shown = draw_overlay(root.read_frame(files), result, window, WIDTH)
+    size = (WIDTH, len(shown))
     places = _spread([_middle(mask, window) for mask in masks], size)
     tags = [
         Tag(names.get(v.object_id, f"object {v.object_id:03d}"), place, v)

@@ -1,10 +1,36 @@
 """The choice of frames that a page shows, and the places of their numbers."""
 
+import cv2
 import numpy as np
 
-from pipelines.evaluation.pages.gallery import FrameChoice, _middle, _spread, _window
+from pipelines.evaluation.pages.gallery import (
+    WIDTH,
+    FrameChoice,
+    _middle,
+    _picture,
+    _spread,
+    _window,
+)
 from pipelines.evaluation.records import FrameRecord, RowRecord, ScoredPredictions
 from pipelines.metrics.grasp_verdicts import Verdict
+from pipelines.pictures.overlays import draw_overlay
+from tests.pictures.grasp_page.toys import toy_frame, toy_result
+
+FRAME, INDEX = toy_frame()
+RESULT = toy_result(FRAME, INDEX)
+
+
+class ToyRoot:
+    """A dataset of the toy frame."""
+
+    def frame(self, name: str) -> str:
+        return name
+
+    def read_label(self, files: str) -> np.ndarray:
+        return INDEX + 1
+
+    def read_frame(self, files: str):
+        return FRAME
 
 
 def record(name: str, *qualities: float) -> FrameRecord:
@@ -79,3 +105,12 @@ def test_numbers_do_not_hide_each_other():
     assert distances.min() > 30
     assert np.allclose(moved[3], (0.9 * 640, 0.9 * 480))
     assert _spread([], (640, 480)) == []
+
+
+def test_lines_and_labels_are_drawn_onto_the_enlarged_picture():
+    picture = _picture(record("a", 0.5, 0.5), "ours", RESULT, ToyRoot(), {0: "can"})
+    shown = cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+    assert shown.shape[:2] == picture.size[::-1]
+    wanted = draw_overlay(FRAME, RESULT, _window(INDEX >= 0), WIDTH)
+    assert np.abs(shown.astype(int) - wanted).mean() < 4
+    assert [tag.name for tag in picture.tags] == ["can", "object 001"]

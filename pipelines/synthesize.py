@@ -48,6 +48,7 @@ from pipelines.synthesis.scenes.tables import check_object_counts
 STAGE = "synthesize"
 PLACE_OF_SPLIT = {"train": 0, "seen": 0, "similar": 1, "novel": 2}  # in POOLS_OF_FAMILIES
 MAX_OBJECTS = 9999  # label images have 16 bits if needed; names of models have up to four digits
+CONTAINER_FLOORS = 2  # in stamps; scenes without it are older, their objects may be in the floors
 TAG_LABEL = 1  # purpose of a child seed; scenes use other tags
 
 
@@ -255,6 +256,8 @@ def _scene_settings(config: SynthesizeConfig) -> dict[str, object]:
     for name in ("scenery", "families"):  # older roots, which lack these settings, stay valid
         if getattr(config, name) == getattr(usual, name):
             del settings[name]
+    if not {"bin", "tray"}.isdisjoint(config.scenery.surroundings):
+        settings["container_floors"] = CONTAINER_FLOORS
     return settings
 
 

@@ -1,5 +1,6 @@
 """Stage synthesize: a small, complete, resumable root in GraspNet's layout."""
 
+import json
 import shutil
 from dataclasses import replace
 
@@ -138,6 +139,22 @@ def test_a_plain_scene_has_no_surroundings_and_its_stamp_no_scenery(root):
     assert scene.surroundings == []
     assert not scene.surroundings_path.exists()
     assert "scenery" not in read_stamp(scene.folder)["config"]
+
+
+@pytest.mark.parametrize(("kinds", "is_marked"), [(("plain", "tray"), True), (("wall",), False)])
+def test_scenes_of_containers_that_objects_sank_into_are_no_longer_finished(
+    tmp_path, kinds, is_marked
+):
+    scenery = SceneryConfig(surroundings=kinds)
+    labels = LabelConfig(num_points=0)
+    config = replace(CONFIG, splits=("train",), views=1, labels=labels, scenery=scenery)
+    assert synthesize.run(tmp_path, config, QUIET, seed=4).failed == {}
+    stamp = tmp_path / "scenes/scene_0000/provenance.json"
+    content = json.loads(stamp.read_text())
+    assert (content["config"].pop("container_floors", None) is not None) == is_marked
+    stamp.write_text(json.dumps(content))
+    again = synthesize.run(tmp_path, config, QUIET, seed=4)
+    assert set(again.failed) == ({"scene 0000"} if is_marked else set())
 
 
 def test_other_settings_are_refused(root):

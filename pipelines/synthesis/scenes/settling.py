@@ -18,6 +18,7 @@ SETTLE_SECONDS = 3.0
 SETTLE_STEP = 0.003  # seconds
 DENSITY = 400.0  # kg / m^3, a half-full household object
 FRICTION = [0.9, 0.02, 0.005]  # of objects with the table and each other
+FOUNDATION = 0.1  # metres below the table to which the floor of a container reaches for a drop
 MAX_SPEED = 0.15  # metres or radians per second of a settled object
 
 
@@ -45,7 +46,8 @@ def drop_objects(
         SymgraspError: MuJoCo cannot make bodies from the pieces.
     """
     middles = np.zeros((len(pieces), 3)) if centers is None else np.asarray(centers, np.float64)
-    data = mujoco.MjData(model := _model_of(pieces, container.solids if container else ()))
+    fixed = (_founded(container.solids[0]), *container.solids[1:]) if container else ()
+    data = mujoco.MjData(model := _model_of(pieces, fixed))
     height, spread = container.floor if container else 0.0, rng.uniform(*DROP_RADIUS)
     for body, parts in enumerate(pieces):
         spokes = (part.vertices - middles[body] for part in parts)
@@ -115,6 +117,16 @@ def add_convex(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, piece: Mesh
         inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX,
     )
     return body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name)
+
+
+def _founded(plate: Mesh) -> Mesh:
+    """Return the level `plate` on the table, its underside moved to `FOUNDATION` below the table.
+
+    A thin plate does not hold: what falls past its middle is pushed out below.
+    """
+    vertices = plate.vertices.copy()
+    vertices[vertices[:, 2] < plate.bounds[:, 2].mean(), 2] = -FOUNDATION
+    return Mesh(vertices, plate.faces)
 
 
 def _model_of(pieces: Sequence[Sequence[Mesh]], fixed: Sequence[Mesh] = ()) -> mujoco.MjModel:

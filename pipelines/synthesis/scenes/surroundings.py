@@ -47,7 +47,7 @@ class Container:
         half: (2,) half extents of the floor inside, metres.
         yaw: angle of its axes, radians.
         floor: height of the floor above the table, metres.
-        solids: convex meshes of floor and walls.
+        solids: convex meshes: the plate of the floor first, then the walls.
         elevations: elevations of cameras that see the inside, radians.
     """
 

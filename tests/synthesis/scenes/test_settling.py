@@ -7,9 +7,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from pipelines.errors import SymgraspError
 from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.geometry.transforms import transform_points
 from pipelines.synthesis.objects.decomposition import hull_of_points
 from pipelines.synthesis.objects.pools import make_object
 from pipelines.synthesis.scenes.settling import drop_objects, refuse_bodiless
+from pipelines.synthesis.scenes.surroundings import drawn_container
 from pipelines.synthesis.scenes.tables import TABLE_SIZE, SceneObject, settle
 from tests.metrics.shapes import box
 
@@ -66,6 +68,18 @@ def test_the_origin_of_procedural_objects_is_their_middle_to_the_last_bit(pool):
     layout = settle(items[:4], np.random.default_rng(1))
     assert_array_equal(layout.poses, by_origin.poses)
     assert_array_equal(layout.center, by_origin.poses[:, :3, 3].mean(axis=0))
+
+
+@pytest.mark.parametrize("kind", ["bin", "tray"])
+def test_flat_objects_do_not_sink_into_the_floor_of_a_container(kind):
+    plate = box(0.1, 0.08, 0.006)
+    for seed in SEEDS:
+        rng = np.random.default_rng(seed)
+        container = drawn_container(kind, rng)
+        settled = drop_objects([(plate,)] * 3, rng, container=container)
+        assert len(settled.index)
+        lowest = min(transform_points(pose, plate.vertices)[:, 2].min() for pose in settled.poses)
+        assert lowest > container.floor - 0.001
 
 
 def test_meshes_without_volume_are_reported_in_one_sentence():

@@ -33,6 +33,9 @@ if TYPE_CHECKING:
 STAGE = "serve"
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 NO_SUCH_ADDRESS = {errno.EADDRNOTAVAIL, errno.EAFNOSUPPORT}
+# Seconds and number of the probes of silent clients: one that lost its network is noticed in a
+# minute. Systems differ in the options they have; macOS calls the first one TCP_KEEPALIVE.
+PROBES = {"TCP_KEEPIDLE": 30, "TCP_KEEPALIVE": 30, "TCP_KEEPINTVL": 10, "TCP_KEEPCNT": 3}
 Detect = Callable[..., FrameResult]  # (color, depth, intrinsics, **options)
 
 
@@ -77,7 +80,7 @@ def listening(config: ServeConfig) -> list[socket.socket]:
         # IPv4 first: a machine without IPv6 may have an IPv6 address for `localhost`.
         for family, _kind, _protocol, _name, address in sorted(dict.fromkeys(found)):
             try:
-                opened.append(socket.create_server(address[:2], family=family))
+                opened.append(_probing(socket.create_server(address[:2], family=family)))
             except OSError as error:
                 if not opened or error.errno not in NO_SUCH_ADDRESS:
                     raise
@@ -90,6 +93,15 @@ def listening(config: ServeConfig) -> list[socket.socket]:
         sentence = f"{where} cannot be listened on ({reason}); choose another port or address"
         raise SymgraspError(sentence) from error
     return opened
+
+
+def _probing(listener: socket.socket) -> socket.socket:
+    """Return `listener`, whose connections, which inherit its options, end if a client is dead."""
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for name, value in PROBES.items():
+        if hasattr(socket, name):
+            listener.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
+    return listener
 
 
 def run(app: "FastAPI", config: ServeConfig, sockets: list[socket.socket]) -> None:

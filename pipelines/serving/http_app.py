@@ -18,6 +18,7 @@ from pipelines.serving.posted_frames import PostedFrame, posted_frame
 Answer = Callable[[PostedFrame], str]  # the JSON text of a frame's grasps
 JSON_TYPE = "application/json"
 DISCARDED = 4  # bodies of this many times the largest size are received, then refused
+LONGEST_SILENCE = 20.0  # seconds without a part of a body until its post is refused
 log = logging.getLogger(__name__)
 
 
@@ -72,12 +73,9 @@ async def _answered(
     if posted_type != JSON_TYPE:
         sentence = f"the Content-Type is {posted_type[:80] or 'not given'}; it must be {JSON_TYPE}"
         return await _refused_unread(request, 415, sentence, DISCARDED * config.max_bytes)
-    try:
-        body = await _body(request, config.max_bytes, DISCARDED * config.max_bytes)
-    except ClientDisconnect:
-        return _refusal(400, "the client has gone")
-    if body is None:
-        return _refusal(413, f"the body is larger than {config.max_bytes} bytes")
+    body = await _received(request, config)
+    if isinstance(body, Response):
+        return body
 
     def work() -> str:
         return answer(posted_frame(body, config.max_pixels))
@@ -92,30 +90,50 @@ async def _answered(
     return Response(text, media_type=JSON_TYPE)
 
 
+async def _received(request: Request, config: ServeConfig) -> bytes | Response:
+    """Return the body of a request, or one sentence about why there is none."""
+    try:
+        body = await _body(request, config.max_bytes, DISCARDED * config.max_bytes)
+    except TimeoutError:
+        sentence = f"the rest of the body did not come within {LONGEST_SILENCE:g} s; post again"
+        return _refusal(408, sentence, {"Connection": "close"})
+    except ClientDisconnect:
+        return _refusal(400, "the client has gone")
+    if body is None:
+        return _refusal(413, f"the body is larger than {config.max_bytes} bytes")
+    return body
+
+
 async def _body(request: Request, most: int, received: int) -> bytes | None:
     """Return the body of a request; None if it is larger than `most` bytes.
 
     Up to `received` bytes are received and forgotten: most clients send all of a body before they
     read the answer, and an earlier answer would be a broken pipe to them.
+
+    Raises:
+        TimeoutError: no part came for `LONGEST_SILENCE` seconds.
+        ClientDisconnect: the client has gone.
     """
     declared = request.headers.get("content-length", "0")
     if declared.isdecimal() and int(declared) > received:
         return None
     parts: list[bytes] = []
     size = 0
-    async for part in request.stream():
-        size += len(part)
-        if size > received:
-            return None
-        if size <= most:
-            parts.append(part)
-        else:
-            parts.clear()
+    with anyio.fail_after(LONGEST_SILENCE) as limit:
+        async for part in request.stream():
+            limit.deadline = anyio.current_time() + LONGEST_SILENCE
+            size += len(part)
+            if size > received:
+                return None
+            if size <= most:
+                parts.append(part)
+            else:
+                parts.clear()
     return b"".join(parts) if size <= most else None
 
 
 async def _refused_unread(request: Request, status: int, sentence: str, received: int) -> Response:
-    with suppress(ClientDisconnect):
+    with suppress(ClientDisconnect, TimeoutError):
         await _body(request, 0, received)
     return _refusal(status, sentence)
 

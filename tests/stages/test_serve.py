@@ -32,6 +32,8 @@ from symgrasp_cli.app import app
 from tests.grasp_files.exports.gripper_toys import random_result
 
 testclient = pytest.importorskip("fastapi.testclient", reason="the extra serve")
+anyio = pytest.importorskip("anyio", reason="the extra serve")
+http_app = pytest.importorskip("pipelines.serving.http_app", reason="the extra serve")
 RG2, ROOT = load_gripper("rg2"), Path(__file__).parents[2]
 RESULT = random_result(np.random.default_rng(0), 9, "x")
 DEPTH = np.full((12, 16), 700, np.uint16)
@@ -168,6 +170,62 @@ def test_other_requests_are_told_which_are_answered(method, path, status):
     answer = client_of().request(method, path)
     sentence = f"{method} {path} is not answered; POST /grasps and GET /health are"
     assert (answer.status_code, answer.json()) == (status, {"error": sentence})
+
+
+def posted_by_hand(server, receive, kind):
+    """Return the status of a post whose body comes from `receive`, and the counts afterwards."""
+    sent = []
+    head = [(b"content-type", kind.encode())]
+    scope = {"type": "http", "method": "POST", "path": "/grasps", "headers": head}
+    scope |= {"query_string": b"", "root_path": "", "scheme": "http", "http_version": "1.1"}
+
+    async def send(message):
+        sent.append(message)
+
+    anyio.run(server, scope, receive, send)
+    return sent[0]["status"], testclient.TestClient(server).get("/health").json()
+
+
+@pytest.mark.parametrize(("kind", "status"), [("application/json", 408), ("text/plain", 415)])
+def test_a_client_that_goes_silent_in_its_post_does_not_wait_for_ever(kind, status, monkeypatch):
+    monkeypatch.setattr(http_app, "LONGEST_SILENCE", 0.1)
+    begin = iter([{"type": "http.request", "body": b'{"color": "abc', "more_body": True}])
+
+    async def receive():
+        for message in begin:
+            return message
+        await anyio.sleep(20)
+        raise AssertionError("the server still waits")
+
+    server = serve.app_of(lambda *_args, **_options: RESULT, RG2, ServeConfig())
+    answered, health = posted_by_hand(server, receive, kind)
+    assert answered == status
+    assert (health["waiting"], health["refused"]) == (0, 1)
+
+
+def test_a_slow_client_has_the_same_time_for_each_part_of_its_body():
+    body, limits = json.dumps(post()).encode(), []
+    parts = [body[:50], body[50:90], body[90:]]
+
+    async def receive():
+        await anyio.sleep(0.01)
+        limits.append(anyio.current_effective_deadline())
+        more = len(limits) < len(parts)
+        return {"type": "http.request", "body": parts[len(limits) - 1], "more_body": more}
+
+    server = serve.app_of(lambda *_args, **_options: RESULT, RG2, ServeConfig())
+    assert posted_by_hand(server, receive, "application/json")[0] == 200
+    assert limits == sorted(set(limits))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="systems differ in the options of sockets")
+def test_connections_of_clients_that_lost_their_network_end():
+    (listener,) = serve.listening(ServeConfig(port=0))
+    with listener, socket.create_connection(listener.getsockname()):
+        connection, _ = listener.accept()
+        with connection:
+            assert connection.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE) == 1
+            assert connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE) == 30
 
 
 def test_a_port_in_use_is_reported_in_one_sentence():

@@ -18,6 +18,7 @@ from pipelines.serving.posted_frames import PostedFrame, posted_frame
 Answer = Callable[[PostedFrame], str]  # the JSON text of a frame's grasps
 JSON_TYPE = "application/json"
 DISCARDED = 4  # bodies of this many times the largest size are received, then refused
+GONE = "the client has gone"
 LONGEST_SILENCE = 20.0  # seconds without a part of a body until its post is refused
 log = logging.getLogger(__name__)
 
@@ -81,7 +82,10 @@ async def _answered(
         return answer(posted_frame(body, config.max_pixels))
 
     try:
-        text = await anyio.to_thread.run_sync(work, limiter=limiter)
+        async with limiter:
+            if await _has_gone(request):
+                return _refusal(400, GONE)
+            text = await anyio.to_thread.run_sync(work, limiter=anyio.CapacityLimiter(1))
     except SymgraspError as error:
         return _refusal(400, str(error))
     except Exception:
@@ -98,7 +102,7 @@ async def _received(request: Request, config: ServeConfig) -> bytes | Response:
         sentence = f"the rest of the body did not come within {LONGEST_SILENCE:g} s; post again"
         return _refusal(408, sentence, {"Connection": "close"})
     except ClientDisconnect:
-        return _refusal(400, "the client has gone")
+        return _refusal(400, GONE)
     if body is None:
         return _refusal(413, f"the body is larger than {config.max_bytes} bytes")
     return body
@@ -130,6 +134,13 @@ async def _body(request: Request, most: int, received: int) -> bytes | None:
             else:
                 parts.clear()
     return b"".join(parts) if size <= most else None
+
+
+async def _has_gone(request: Request) -> bool:
+    """Return whether the client has closed its connection, as after a time-out of its own."""
+    await request.is_disconnected()  # uvicorn reads on, which it does not after a large body
+    await anyio.sleep(0.01)  # it reads the end of the connection
+    return await request.is_disconnected()
 
 
 async def _refused_unread(request: Request, status: int, sentence: str, received: int) -> Response:

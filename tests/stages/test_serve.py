@@ -13,6 +13,7 @@ import time
 import urllib.error
 import urllib.request
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 
@@ -32,6 +33,7 @@ from symgrasp_cli.app import app
 from tests.grasp_files.exports.gripper_toys import random_result
 
 testclient = pytest.importorskip("fastapi.testclient", reason="the extra serve")
+uvicorn = pytest.importorskip("uvicorn", reason="the extra serve")
 anyio = pytest.importorskip("anyio", reason="the extra serve")
 http_app = pytest.importorskip("pipelines.serving.http_app", reason="the extra serve")
 RG2, ROOT = load_gripper("rg2"), Path(__file__).parents[2]
@@ -322,6 +324,54 @@ def test_eight_clients_at_once_are_answered_and_clients_beyond_the_queue_are_ref
         assert [each.result().status_code for each in answers] == [200] * 8
         health = client.get("/health").json()
     assert (health["answered"], health["refused"], health["waiting"]) == (8, 1, 0)
+
+
+@contextmanager
+def served(detect, **settings):
+    """Serve in a thread; yields the port."""
+    sockets = serve.listening(config := ServeConfig(port=0, **settings))
+    server = uvicorn.Server(uvicorn.Config(serve.app_of(detect, RG2, config), log_level="warning"))
+    with ThreadPoolExecutor(1) as pool:
+        ending = pool.submit(server.run, sockets)
+        try:
+            yield sockets[0].getsockname()[1]
+        finally:
+            server.should_exit = True
+            ending.result()
+
+
+def counts_at(port):
+    with urllib.request.urlopen(f"http://127.0.0.1:{port}/health", timeout=60) as answer:
+        return json.load(answer)
+
+
+@pytest.mark.parametrize("side", [12, 400])  # uvicorn stops reading after bodies of 64 kB
+def test_frames_of_clients_that_have_gone_are_not_processed(side):
+    begun, go = threading.Semaphore(0), threading.Event()
+
+    def detect(*_args, **_options):
+        begun.release()
+        assert go.wait(60)
+        return RESULT
+
+    body = json.dumps(post(color=raw(np.zeros((side, side, 3), np.uint8)))).encode()
+    head = {"Content-Type": "application/json"}
+    with served(detect, parallel=1) as port, ThreadPoolExecutor(1) as pool:
+        url = f"http://127.0.0.1:{port}/grasps"
+        patient = pool.submit(urllib.request.urlopen, urllib.request.Request(url, body, head))
+        assert begun.acquire(timeout=60)
+        gone = http.client.HTTPConnection("127.0.0.1", port)
+        gone.request("POST", "/grasps", body, head)
+        while counts_at(port)["waiting"] < 2:
+            time.sleep(0.01)
+        gone.close()
+        go.set()
+        patient.result().close()
+        while counts_at(port)["waiting"]:
+            time.sleep(0.01)
+        counts = counts_at(port)
+    assert (counts["answered"], counts["refused"]) == (1, 1)
+    assert not begun.acquire(blocking=False)
 
 
 def test_the_command_answers_the_example_and_ends_with_sigterm(tmp_path):

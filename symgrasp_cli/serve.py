@@ -1,17 +1,24 @@
 """`symgrasp serve`."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pipelines.configs import InferConfig, ServeConfig
 from pipelines.configs.stages import ServeSettings, as_config
 from pipelines.ending import set_farewell
+from pipelines.errors import SymgraspError
 from symgrasp_cli.arguments import SymmetryModels
 from symgrasp_cli.options import Device, GraspCriticWeights, Seed
 from symgrasp_cli.report import report_style
 from symgrasp_cli.settings import named_as, with_settings
+
+if TYPE_CHECKING:
+    from symgrasp.detector import GraspDetector
+
+# Metres, in either frame: a box of the settings may leave out all objects of the bundled frame.
+EVERYWHERE = (-9, -9, -9, 9, 9, 9)
 
 
 @with_settings(
@@ -56,6 +63,7 @@ def serve(
         seed=seed,
     )
     app = stage.app_of(detector.frame_result, detector.gripper, http, camera_to_base)
+    _compile_loops(detector)
     sockets = stage.listening(http)
     if not report_style().quiet:
         port = sockets[0].getsockname()[1]
@@ -64,3 +72,14 @@ def serve(
         if http.host not in stage.LOOPBACK:
             typer.echo("other machines can reach the server, which asks for no password", err=True)
     stage.run(app, http, sockets)
+
+
+def _compile_loops(detector: "GraspDetector") -> None:
+    """Find the grasps of a bundled frame, so that no post waits for compilation or loading."""
+    from symgrasp.bundled_frames import bundled_frame
+
+    try:
+        detector.frame_result(*bundled_frame(), workspace=EVERYWHERE)
+    except SymgraspError as error:  # settings may suit the posted frames, but not this one
+        if not report_style().quiet:
+            typer.echo(f"the first post takes longer, as a bundled frame fails: {error}", err=True)

@@ -28,6 +28,7 @@ from pipelines.configs import ServeConfig
 from pipelines.errors import SymgraspError
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.inference.models import WEIGHTS
+from symgrasp.detector import GraspDetector
 from symgrasp.frame_input import frame_of
 from symgrasp_cli.app import app
 from tests.grasp_files.exports.gripper_toys import random_result
@@ -38,6 +39,7 @@ anyio = pytest.importorskip("anyio", reason="the extra serve")
 http_app = pytest.importorskip("pipelines.serving.http_app", reason="the extra serve")
 RG2, ROOT = load_gripper("rg2"), Path(__file__).parents[2]
 RESULT = random_result(np.random.default_rng(0), 9, "x")
+LIGHT = ["--set", "regions=geometric", "--set", "method=planar"]
 DEPTH = np.full((12, 16), 700, np.uint16)
 COLOR = np.zeros((12, 16, 3), np.uint8)
 
@@ -68,6 +70,27 @@ def test_weights_of_another_model_are_refused_before_the_server_listens(option):
     )
     assert run.exit_code == 1
     assert "axis_critic.safetensors" in run.stderr
+
+
+@pytest.mark.parametrize("fault", [None, "table of this frame is not found"])
+def test_loops_are_compiled_before_the_server_listens(fault, monkeypatch):
+    steps = []
+
+    def detect(_self, color, *_arrays, workspace):
+        steps.append((color.shape[2], min(workspace)))
+        if fault:
+            raise SymgraspError(fault)
+
+    def listen(_config):
+        steps.append("listening")
+        raise SymgraspError("the port is in use")
+
+    monkeypatch.setattr(GraspDetector, "frame_result", detect)
+    monkeypatch.setattr(serve, "listening", listen)
+    box = ["--set", "limits.box=[0,0,0,1,1,1]"]  # without a grasp, most loops would not run
+    run = CliRunner().invoke(app, ["serve", *LIGHT, *box])
+    assert (steps, run.exit_code) == ([(3, -9), "listening"], 1)
+    assert (f"fails: {fault}" in run.stderr) == bool(fault)
 
 
 def test_a_frame_is_answered_with_its_grasps_best_first():
@@ -375,8 +398,7 @@ def test_frames_of_clients_that_have_gone_are_not_processed(side):
 
 
 def test_the_command_answers_the_example_and_ends_with_sigterm(tmp_path):
-    light = ["--set", "regions=geometric", "--set", "method=planar", "--port", "18765"]
-    command = [sys.executable, "-m", "symgrasp", "serve", *light]
+    command = [sys.executable, "-m", "symgrasp", "serve", *LIGHT, "--port", "18765"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     with subprocess.Popen(command, cwd=tmp_path, env=environment, stderr=subprocess.PIPE) as server:
         try:

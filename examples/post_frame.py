@@ -8,6 +8,7 @@ import base64
 import json
 import sys
 import urllib.request
+from http.client import HTTPException
 from pathlib import Path
 from typing import Any
 from urllib.error import HTTPError, URLError
@@ -39,5 +40,7 @@ if __name__ == "__main__":
         sys.exit(refused.read().decode())  # one sentence that names the problem of the frame
     except URLError as error:
         sys.exit(f"no server answers ({error.reason}); `symgrasp serve` says when it is ready")
+    except (OSError, HTTPException) as error:  # a time-out, or the server ended meanwhile
+        sys.exit(f"no answer ({error})")
     for grasp in found["grasps"][:3]:
         print(grasp["rank_score"], grasp["opening"], grasp["pose"])

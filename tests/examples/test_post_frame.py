@@ -1,0 +1,43 @@
+"""The example that posts a frame, at servers that end in the middle of it."""
+
+import errno
+import os
+import socket
+import struct
+import subprocess
+import sys
+
+import pytest
+
+from examples import post_frame
+
+RESET = struct.pack("ii", 1, 0)  # of SO_LINGER: closing resets the connection
+PART = b"HTTP/1.1 200 OK\r\nContent-Length: 99\r\n\r\n{"
+
+
+@pytest.mark.parametrize(
+    ("answer", "reason"),
+    [
+        (b"", str(OSError(errno.ECONNRESET, os.strerror(errno.ECONNRESET)))),
+        (PART, "IncompleteRead(1 bytes read, 98 more expected)"),
+    ],
+    ids=["reset", "part"],
+)
+def test_a_server_that_ends_meanwhile_is_reported_in_one_sentence(answer, reason, tmp_path):
+    files = [tmp_path / name for name in ("color", "depth", "camera")]
+    for path in files:
+        path.write_text("{}")
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        url = f"http://127.0.0.1:{server.getsockname()[1]}/grasps"
+        command = [sys.executable, post_frame.__file__, *map(str, files), url]
+        with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as client:
+            connection, _ = server.accept()
+            with connection:
+                received = b""
+                while not received.endswith(b"{}}"):
+                    received += connection.recv(1000)
+                connection.sendall(answer)
+                if not answer:
+                    connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET)
+            assert client.stderr.read() == f"no answer ({reason})\n"
+    assert client.returncode == 1

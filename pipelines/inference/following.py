@@ -72,6 +72,7 @@ class Follower:
     pending: dict[str, tuple[Arrival, WorkItem, str]] = field(default_factory=dict)  # put off
     report: StageReport = field(default_factory=lambda: StageReport(STAGE))
     listed: Sequence[FrameSource] = ()
+    trouble: str = ""  # why the last listing failed
     is_changed: bool = False  # whether frames changed since the output was written
     writing: Future[None] | None = None  # while the output is written
     writing_began: float = 0.0  # time when the last writing began
@@ -151,8 +152,11 @@ class Follower:
         try:
             self.listed = self.lister.frames(self.clock.now())
         except (SymgraspError, OSError) as error:  # the folder may soon be back
-            log.warning("cannot look for frames: %s", error)
+            if str(error) != self.trouble:
+                log.warning("cannot look for frames: %s", error)
+            self.trouble = str(error)
             return []
+        self.trouble = ""
         # A frame that is gone after a failed reading keeps its earlier result.
         names = {source.name for source in self.listed}
         self.pending = {name: each for name, each in self.pending.items() if name in names}

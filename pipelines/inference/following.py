@@ -179,7 +179,8 @@ class Follower:
                 self.watcher.put_off(item.name)
                 self.pending[item.name] = (arrival, item, sentence)
             elif item in finished:
-                self._record(item, self.report.skipped)
+                done = self.report.done  # by this run, before the frame was gone for a while
+                self._record(item, done if item.name in done else self.report.skipped)
             else:
                 if sentence is not None:
                     item.target.unlink(missing_ok=True)  # a part of earlier files
@@ -201,11 +202,15 @@ class Follower:
         self.notify(FrameOutcome(name, found.status, len(found.grasps), seconds, str(item.target)))
 
     def _record(self, item: WorkItem, names: list[str]) -> None:
+        """Note the newest result of a frame; `names`: of the frames with such a result."""
         self.watcher.finish(item.name)
         self.pending.pop(item.name, None)
         self.failed.pop(item.name, None)
         self.items[item.name] = item
         self.is_changed = True
+        for counted in (self.report.done, self.report.skipped):  # each frame counts once
+            if counted is not names and item.name in counted:
+                counted.remove(item.name)
         if item.name not in names:
             names.append(item.name)
 

@@ -421,6 +421,22 @@ def test_the_watch_waits_for_a_folder_that_disappears_for_a_moment(cell, caplog)
     assert caplog.text.count("cannot look for frames") == 2  # once each time
 
 
+def test_a_frame_counts_once_whether_it_comes_back_changes_or_turns_bad(cell):
+    away = cell.frames.with_name("away")
+    cell.write("a")
+    cell.write("b")
+    cell.at(3.0, cell.frames.rename, away)  # as a share that is not mounted: an empty folder
+    cell.at(3.0, cell.frames.mkdir)
+    cell.at(5.0, cell.frames.rmdir)
+    cell.at(5.0, away.rename, cell.frames)
+    report = cell.follow()
+    assert (report.done, report.skipped) == (["a", "b"], [])
+    cell.at(cell.time + 3.0, lambda: cell.write("c", as_name="a"))
+    cell.at(cell.time + 3.0, cell.write_half, "b")
+    report = cell.follow()
+    assert (report.done, report.skipped, list(report.failed)) == (["a"], [], ["b"])
+
+
 def test_a_time_out_without_watch_is_wrong_usage(tmp_path):
     arguments = ["infer", str(tmp_path), "--watch-timeout", "5"]
     result = CliRunner().invoke(app, arguments)

@@ -182,11 +182,19 @@ def _conclude(report: "StageReport", out: Path, overlays: Path | None) -> None:
 
 
 def _print_outcome(frame: "FrameOutcome") -> None:
-    """Print one frame's line on stdout at once, for a reader at the end of a pipe."""
+    """Print one frame's line on stdout at once, for a reader at the end of a pipe.
+
+    A watch without a reader would work for nobody, so it ends, and not without a word.
+    """
     if report_style().as_json:
-        typer.echo(json.dumps({**asdict(frame), "seconds": round(frame.seconds, 3)}))
+        line = json.dumps({**asdict(frame), "seconds": round(frame.seconds, 3)})
+    else:
+        facts = f"{frame.status}  {frame.grasps} grasps  {frame.seconds:.2f} s"
+        line = printable(f"{frame.name}  {facts}  {frame.text}")
+    try:
+        typer.echo(line)
         sys.stdout.flush()
-        return
-    line = f"{frame.name}  {frame.status}  {frame.grasps} grasps  {frame.seconds:.2f} s"
-    typer.echo(printable(f"{line}  {frame.text}"))
-    sys.stdout.flush()
+    except BrokenPipeError:
+        sentence = "error: the reader of stdout has gone; the same command continues from here"
+        typer.echo(sentence, err=True)
+        raise

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 from concurrent.futures import Executor, Future
+from contextlib import contextmanager
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -444,20 +445,37 @@ def test_a_time_out_without_watch_is_wrong_usage(tmp_path):
     assert "--watch" in result.output
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_the_command_prints_a_line_a_frame_and_heeds_signals(cell, number):
-    cell.write("a")
+@contextmanager
+def started(cell):
+    """Start the command on the folder of `cell`."""
     code = "from symgrasp_cli.main import main; main()"
     options = ["--watch", "--watch-timeout", "300", "--regions", "geometric", "--method", "planar"]
     command = [sys.executable, "-c", code, "infer", str(cell.frames), "--out", str(cell.output)]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
     with subprocess.Popen(
         [*command, *options],
-        env=environment,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
     ) as process:
+        yield process
+
+
+def test_a_reader_that_goes_away_ends_the_watch_in_one_sentence(cell):
+    with started(cell) as process:
+        assert process.stderr.readline() == f"watching {cell.frames} until Ctrl-C\n"
+        process.stdout.close()
+        cell.write("c")
+        said = process.stderr.read().splitlines()
+    assert said[-1] == "error: the reader of stdout has gone; the same command continues from here"
+    assert process.returncode == 1
+    assert grasps_file.part_path(cell.output, "c").exists()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_command_prints_a_line_a_frame_and_heeds_signals(cell, number):
+    cell.write("a")
+    with started(cell) as process:
         assert process.stderr.readline() == f"watching {cell.frames} until Ctrl-C\n"
         first = process.stdout.readline().split("  ")
         cell.write("b")

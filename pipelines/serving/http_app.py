@@ -71,7 +71,7 @@ async def _answered(
     """Return the grasps of the posted frame, or one sentence about its fault."""
     # Another type would let any web page that the user visits post here.
     posted_type = request.headers.get("content-type", "").partition(";")[0].strip()
-    if posted_type != JSON_TYPE:
+    if posted_type.lower() != JSON_TYPE:
         sentence = f"the Content-Type is {posted_type[:80] or 'not given'}; it must be {JSON_TYPE}"
         return await _refused_unread(request, 415, sentence, DISCARDED * config.max_bytes)
     body = await _received(request, config)

@@ -187,6 +187,12 @@ def test_sizes_types_and_depths_of_bodies_have_limits():
     assert refused.json() == {"error": sentence}
 
 
+@pytest.mark.parametrize("kind", ["Application/JSON", "application/json; charset=utf-8"])
+def test_content_types_are_read_in_any_case_and_with_parameters(kind):
+    body, head = json.dumps(post()), {"Content-Type": kind}
+    assert client_of().post("/grasps", content=body, headers=head).status_code == 200
+
+
 @pytest.mark.parametrize(
     ("method", "path", "status"),
     [("GET", "/grasps", 405), ("POST", "/", 404), ("PUT", "/x", 404), ("POST", "/grasps/", 404)],

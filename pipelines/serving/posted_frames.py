@@ -16,6 +16,7 @@ from pipelines.contents import parsed_json
 from pipelines.errors import ValueRangeError
 
 KEYS = ("color", "depth", "intrinsics", "depth_units_per_metre", "workspace", "masks", "name")
+NAME_LIMIT = 1000  # characters
 COLOR_FORMATS, DEPTH_FORMATS = ("PNG", "JPEG"), ("PNG",)
 RAW_TYPES = {"color": ("uint8",), "depth": ("uint16", "float32"), "masks": ("uint8", "int32")}
 MODES = {"color": "RGB", "depth": "I;16", "masks": "I"}
@@ -58,9 +59,10 @@ def posted_frame(body: bytes, max_pixels: int) -> PostedFrame:
     options = {key: content[key] for key in KEYS[2:5] if content.get(key) is not None}
     if content.get("masks") is not None:
         options["masks"] = _image("masks", content["masks"], max_pixels)
-    name = content.get("name", "")
-    if not isinstance(name, str) or len(name) > 1000:
-        raise ValueRangeError("name", "no short text", "the frame's name")
+    name = "" if content.get("name") is None else content["name"]
+    if not isinstance(name, str) or len(name) > NAME_LIMIT:
+        expected = f"the frame's name, at most {NAME_LIMIT} characters"
+        raise ValueRangeError("name", "no short text", expected)
     return PostedFrame(color, depth, options, name)
 
 

@@ -122,6 +122,12 @@ def test_pictures_and_raw_arrays_reach_the_detector_unchanged(as_posted):
     assert (seen["intrinsics"], seen["workspace"]) == ([9, 9, 8, 6], [0, 0, 0, 1, 1, 1])
 
 
+def test_optional_keys_may_be_null():
+    optional = dict.fromkeys(["depth_units_per_metre", "workspace", "masks", "name"])
+    answer = client_of().post("/grasps", json=post(**optional))
+    assert (answer.status_code, answer.json()["name"]) == (200, "")
+
+
 def test_base64_in_lines_is_read():
     lines = {key: base64.encodebytes(base64.b64decode(post()[key])).decode() for key in ("color",)}
     assert client_of().post("/grasps", json=post(**lines)).status_code == 200
@@ -149,6 +155,7 @@ def bomb(side=1200) -> str:
         (post(depth={**raw(DEPTH), "shape": [12, 15]}), "384 bytes"),
         (post(depth={**raw(DEPTH), "shape": [True, True]}), "height, width"),
         (post(name=3), "no short text"),
+        (post(name="x" * 1001), "at most 1000 characters"),
     ],
 )
 def test_requests_without_a_valid_frame_are_reported_in_one_sentence(frame, sentence):

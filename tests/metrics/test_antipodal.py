@@ -57,6 +57,25 @@ def test_another_object_between_the_fingers_scores_zero():
     assert closing_region_score(points, normals, CENTERED, gripper(), foreign).tolist() == [0.0]
 
 
+@pytest.mark.parametrize(
+    ("half", "counted", "left_out"), [(0.02, 0.0049, 0.0051), (0.006, 0.0039, 0.0041)]
+)
+def test_the_outer_5_mm_of_a_side_count_but_a_third_of_a_thin_object(half, counted, left_out):
+    # On each side ten points at the outside with cosine 1, ten farther in with 0.5, then with 0.
+    closing = np.repeat([half, half - counted, half - left_out], 10)
+    points, normals = np.zeros((2, 60, 3))
+    points[:, 1], normals[:, 1] = [*closing, *-closing], np.tile(np.repeat([1.0, 0.5, 0.0], 10), 2)
+    score = closing_region_score(points, normals, CENTERED, gripper(), ALONE)
+    assert score == pytest.approx(0.75**2)  # of the means of both sides
+
+
+@pytest.mark.parametrize(("count", "score"), [(9, 0.0), (10, 1.0)])
+def test_ten_points_between_the_fingers_are_a_surface(count, score):
+    points, normals = np.zeros((2, count, 3))
+    points[:, 1], normals[:, 1] = np.linspace(-0.02, 0.02, count), 1.0
+    assert closing_region_score(points, normals, CENTERED, gripper(), ALONE) == score
+
+
 def test_the_pair_score_is_bounded_by_the_smallest_friction():
     grasps = random_grasps(np.random.default_rng(1), 300, spread=0.02)
     contacts = close_fingers(ball(0.03), grasps, 0.1)

@@ -57,6 +57,12 @@ def test_equal_confidences_give_one_point_of_the_curve():
         assert precision_recall([0.5] * 3, correct, 4)[0].tolist() == [0.5]
 
 
+def test_the_precision_at_a_recall_that_is_just_reached_counts():
+    # One of two truths is found first, the other never: precision 1 up to a recall of 1/2.
+    found = interpolated_precision([0.9, 0.8], [True, False], 2, [0.0, 0.5, 0.51])
+    assert found.tolist() == [1.0, 1.0, 0.0]
+
+
 @given(seeds)
 @few
 def test_average_precision_does_not_depend_on_the_order(seed):

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
+from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, random_rotation, rotate_vectors
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.metrics.contacts import close_fingers
@@ -39,6 +40,12 @@ def test_a_finger_that_starts_inside_has_no_contact():
     contacts = close_fingers(box(0.06, 0.04, 0.1), ACROSS, 0.03)
     assert contacts.found.tolist() == [False]
     assert np.isnan(contacts.points).all()
+
+
+def test_a_finger_that_starts_inside_a_wall_does_not_touch_the_wall_from_behind():
+    walls = [moved(box(0.06, 0.02, 0.1), make_pose(np.eye(3), [0, y, 0])) for y in (-0.05, 0.03)]
+    inside = close_fingers(Mesh.concatenate(walls), ACROSS, 0.1)
+    assert inside.found.tolist() == [False]
 
 
 def test_a_grasp_next_to_the_object_has_no_contact():

@@ -11,6 +11,7 @@ from pipelines.grasping.grasps import GraspPoses
 from pipelines.metrics.contacts import Contacts, close_fingers
 from pipelines.metrics.force_closure import (
     FRICTION_GRID,
+    friction_of_cosine,
     min_friction,
     on_grid,
     quality,
@@ -49,6 +50,10 @@ def random_contacts(rng: np.random.Generator, count: int = 60) -> Contacts:
 def test_the_closed_form_equals_the_sweep(seed, grid):
     contacts = random_contacts(np.random.default_rng(seed))
     assert_array_equal(on_grid(min_friction(contacts), grid), friction_sweep(contacts, grid))
+
+
+def test_a_cosine_rounded_above_one_needs_no_friction():
+    assert friction_of_cosine(np.array([np.nextafter(1.0, 2.0)])).tolist() == [0.0]
 
 
 @given(seeds)

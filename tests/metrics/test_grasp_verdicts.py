@@ -70,7 +70,27 @@ def test_a_wall_in_a_fingers_way_is_a_collision_wherever_the_camera_is():
 def test_a_grasp_beyond_the_opening_of_the_hand_is_too_wide():
     wide = GraspPoses(DOWN, np.array([0.0, 0.0, 0.08]), np.array(0.11))  # and a clearance of 1 cm
     verdict = grasp_verdict(scene(FREE), 0, wide, gripper())
-    assert (verdict.reason, verdict.quality) == ("too wide", 0.0)
+    assert (verdict.reason, verdict.quality, verdict.antipodal_region) == ("too wide", 0.0, 0.0)
+
+
+def test_fingers_close_on_an_object_that_is_wider_than_the_predicted_contacts():
+    narrow = GraspPoses(DOWN, np.array([0.0, 0.0, 0.08]), np.array(0.03))  # of 4 cm, open to 5 cm
+    verdict = grasp_verdict(scene(FREE), 0, narrow, gripper())
+    assert (verdict.reason, verdict.quality) == ("held", pytest.approx(1.0))
+
+
+def test_another_object_between_the_fingers_leaves_a_held_grasp_without_region_score():
+    # A bead on the box, below the palm: only the region's score asks what else is enclosed.
+    small = {**OBJECTS, 1: true_object(ball(0.005))}
+    verdict = grasp_verdict(replace(scene((0.0, 0.0, 0.106)), objects=small), 0, AT_BOX, gripper())
+    assert (verdict.reason, verdict.antipodal_region) == ("held", 0.0)
+
+
+def test_the_nearest_object_does_not_depend_on_the_order_of_the_poses():
+    given_last = scene(FREE)
+    given_first = replace(given_last, poses=dict(reversed(given_last.poses.items())))
+    for each in (given_last, given_first):
+        assert each.nearest_object(np.array([[0.0, 0, 0.09], FREE])).tolist() == [0, 1]
 
 
 def test_a_grasp_of_air_has_no_contact():
@@ -79,12 +99,25 @@ def test_a_grasp_of_air_has_no_contact():
     assert (verdict.reason, verdict.quality, verdict.min_friction) == ("no contact", 0.0, np.inf)
 
 
-@pytest.mark.parametrize(("length", "accuracy"), [(0.05, 1.0), (0.04, 0.0)])
-def test_graspnets_hand_reaches_around_an_object_as_deep_as_the_fingers_allow(length, accuracy):
-    # The contacts are 4 cm below the top; fingers of 4 cm, 5 mm past the contacts, meet it.
+@pytest.mark.parametrize(
+    ("length", "past", "accuracy"), [(0.05, 0.005, 1.0), (0.04, 0.005, 0.0), (0.05, 0.015, 0.0)]
+)
+def test_graspnets_hand_reaches_around_an_object_as_deep_as_the_fingers_allow(
+    length, past, accuracy
+):
+    # The contacts are 4 cm below the top; fingers that reach 3.5 cm up from there do not suffice.
     low = GraspPoses(DOWN[None], np.array([[0.0, 0.0, 0.06]]), np.array([0.04]))
-    found = scene(FREE).accuracy(low, np.ones(1), replace(gripper(), finger_length=length))
-    np.testing.assert_array_equal(found[0], accuracy)
+    hand = replace(gripper(), finger_length=length, tip_reach=past)
+    np.testing.assert_array_equal(scene(FREE).accuracy(low, np.ones(1), hand)[0], accuracy)
+
+
+def test_graspnets_hand_opens_by_ten_centimetres_at_most():
+    # Opened by 10 cm the hand is 12 cm wide; with the clearances of our hand it would be 13 cm.
+    wide = {0: true_object(box(0.06, 0.09, 0.1)), 1: OBJECTS[1]}
+    among = replace(scene((0.0, 0.062 + 0.03, 0.08)), objects=wide)
+    grasp = GraspPoses(DOWN[None], np.array([[0.0, 0.0, 0.08]]), np.array([0.09]))
+    assert grasp_verdict(among, 0, grasp, gripper()).reason == "collision"
+    np.testing.assert_array_equal(among.accuracy(grasp, np.ones(1), gripper())[0], 1.0)
 
 
 def test_grasps_judged_together_have_the_same_qualities_as_alone():

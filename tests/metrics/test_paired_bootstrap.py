@@ -7,7 +7,13 @@ from hypothesis import strategies as st
 
 from pipelines.metrics.average_precision import average_precision
 from pipelines.metrics.coco_masks import coco_average_precision
-from pipelines.metrics.paired_bootstrap import FrameMeans, FramePrecision, differences, draws
+from pipelines.metrics.paired_bootstrap import (
+    FrameMeans,
+    FramePrecision,
+    differences,
+    draws,
+    interval,
+)
 
 few = settings(max_examples=25, deadline=None)
 seeds = st.integers(0, 2**32 - 1)
@@ -100,6 +106,22 @@ def test_few_units_seldom_give_a_false_difference(units):
     assert np.mean([difference.is_certain for difference in found]) < 0.10
     if units >= 6:
         assert np.mean([difference.low <= 0.0 <= difference.high for difference in found]) > 0.90
+
+
+@pytest.mark.parametrize(("units", "certain"), [(5, False), (6, True)])
+def test_six_units_that_all_differ_alike_are_a_certain_difference(units, certain):
+    ones = np.ones(units)
+    pair = [FrameMeans(np.zeros(units), ones), FrameMeans(np.linspace(0.5, 0.6, units), ones)]
+    _, (difference,) = differences(pair, np.arange(units), 200, 0.95, seed=0)
+    assert difference.low > 0.0
+    assert difference.is_certain is certain
+
+
+def test_draws_without_any_truth_are_left_out_of_an_interval():
+    # Half of eight frames have objects: one draw in 2 ** 8 has none, and its mean is undefined.
+    counts = np.array([1.0, 0.0] * 4)
+    low, high = interval(FrameMeans(np.arange(8.0) * counts, counts), 8, 1000, 0.95, seed=0)
+    assert 0.0 <= low < 3.0 < high <= 6.0
 
 
 def test_one_unit_has_no_interval():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipelines.dataset.meshes import read_mesh
-from pipelines.grasping.grasps import from_graspnet
+from pipelines.grasping.grasps import GraspPoses, from_graspnet
 from pipelines.metrics.graspnet import box_collision
 from pipelines.metrics.graspnet.box_collision import (
     cloud_collision,
@@ -34,6 +34,32 @@ def test_triangles_find_all_collisions_of_the_cloud_and_more(shared):
     cloud, empty = cloud_collision(mesh, from_graspnet(rows), rows[:, 3])
     assert exact[cloud & ~empty].all()
     assert 0 < (cloud & ~empty).sum() < exact.sum()
+
+
+# Points in millimetres along approach, closing and binormal; the tips are at 0, 6 cm apart. Fingers
+# reach from -40 to 0, 1 cm thick and 2 cm high; behind them is a slab of 1 cm, as wide as both.
+@pytest.mark.parametrize(
+    ("point", "hit", "inner"),
+    [
+        ((-0.5, 30.5, 0), True, 0),
+        ((-0.5, -39.5, 9.5), True, 0),
+        ((-0.5, 40.5, 0), False, 0),
+        ((-0.5, 35, 10.5), False, 0),
+        ((0.5, 35, 0), False, 0),
+        ((-0.5, 29.5, -9.5), False, 1),
+        ((-39.5, 0, 0), False, 1),
+        ((-40.5, 0, 0), True, 0),
+        ((-49.5, -39.5, 9.5), True, 0),
+        ((-50.5, 0, 0), False, 0),
+        ((-45, 40.5, 0), False, 0),
+    ],
+)
+def test_a_point_just_inside_a_box_of_the_hand_is_met_and_one_just_outside_is_not(
+    point, hit, inner
+):
+    hand = GraspPoses(np.eye(3), np.zeros(3), np.array(0.06))
+    found = meets_points(np.array([point]) / 1000.0, hand, np.array([0.02]))
+    assert [each.tolist() for each in found] == [[hit], [inner]]
 
 
 def test_the_number_of_pairs_in_a_block_does_not_change_verdicts(monkeypatch):

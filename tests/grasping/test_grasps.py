@@ -89,3 +89,4 @@ def test_approach_angles_turn_a_grasp_about_its_contact_line():
     assert_allclose(turned.contacts, grasps.contacts, atol=1e-12)
     assert_allclose((turned.approach * grasps.approach).sum(1), np.cos(angles), atol=1e-12)
     assert_allclose((turned.approach * grasps.binormal).sum(1), np.sin(angles), atol=1e-12)
+    assert_allclose(turned.binormal, np.cross(turned.approach, turned.closing), atol=1e-12)

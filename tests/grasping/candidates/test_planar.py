@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipelines.configs import SelectionConfig
+from pipelines.geometry.transforms import unit
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.candidates import planar
 from pipelines.grasping.feasibility.feasibility import Feasibility
@@ -118,6 +119,19 @@ def test_a_cell_holds_the_depth_of_its_nearest_point(seed, count):
     column, row = ((local[:, 1:] - low) / cell).astype(int).T + planar.MARGIN
     np.minimum.at(expected, (row, column), local[:, 0])
     np.testing.assert_array_equal(depth, expected)
+
+
+@given(seeds)
+@settings(max_examples=25, deadline=None)
+def test_a_cell_lies_about_its_points(seed):
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-0.05, 0.05, (60, 3))
+    view = planar.HeightMap.of(points, unit(rng.normal(size=3)))
+    flat = view.across(points)
+    cells = np.floor((flat - view.low) / view.cell + 1e-6).astype(int)
+    assert np.isfinite(view.depth[cells[:, 1], cells[:, 0]]).all()
+    away = view.across(view.points_at(cells, 0.3)) - flat
+    assert np.abs(away).max() <= view.cell * 0.500001
 
 
 @given(seeds)

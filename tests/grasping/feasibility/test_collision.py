@@ -71,6 +71,24 @@ def test_grasps_collide_and_enclose_as_a_loop_finds(seed, count, allowed):
         np.testing.assert_allclose(enclosed[index], height, atol=1e-5)
 
 
+def test_every_face_of_fingers_and_palm_is_moved_outward_by_the_margin():
+    grasp = GraspPoses(np.eye(3), np.zeros(3), np.array(0.05))
+    config = FeasibilityConfig(body_margin=0.001, max_points_inside=0)
+
+    def is_met(point):
+        return bodies_meet(grasp, GRIPPER, Obstacles(point[None], np.ones(1, int)), config)[0][0]
+
+    low, high = boxes_of(grasp, 0, 0.0)
+    for body, axis in np.ndindex(3, 3):
+        outward = np.eye(3)[axis]
+        for corner, side in ((low, -outward), (high, outward)):
+            face = (low[body] + high[body]) / 2
+            face[axis] = corner[body, axis]
+            assert is_met(face + 0.0009 * side)
+            behind_a_finger = body < 2 and axis == 0 and corner is low
+            assert is_met(face + 0.0011 * side) == behind_a_finger  # there is the palm
+
+
 @given(seeds, st.sampled_from([0, 3, 40]), st.sampled_from([0.0, 0.5, 1.0]), st.integers(1, 20))
 @settings(max_examples=40, deadline=None)
 def test_the_first_free_grasps_collide_with_nothing_and_enclose_something(seed, count, share, most):
@@ -114,6 +132,15 @@ def test_the_clearance_equals_the_shortest_distance_of_a_loop(seed, count):
             for lo, hi in zip(low, high, strict=True)
         ]
         np.testing.assert_allclose(found[index], np.min(gaps, initial=0.05), atol=1e-5)
+
+
+def test_the_nearest_point_counts_even_if_the_middle_of_its_cube_is_farther():
+    grasp = GraspPoses(np.eye(3), np.zeros(3), np.array(0.05))
+    side = boxes_of(grasp, 0, 0.0)[1][1, 1]  # outer face of the second finger
+    # Next to the finger: a cube with points 10 and 28 mm away, another with a point 12 mm away.
+    points = [[-0.03, side + 0.010, 0.0], [-0.03, side + 0.028, 0.0], [-0.005, side + 0.012, 0.0]]
+    found = clearance(grasp, GRIPPER, Obstacles(np.array(points), np.ones(3, int)), 0.05)
+    np.testing.assert_allclose(found, 0.010, atol=1e-6)
 
 
 @given(seeds)

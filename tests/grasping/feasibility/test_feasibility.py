@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipelines.configs import FeasibilityConfig
+from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import random_rotation, transform_points
 from pipelines.grasp_files.gripper_files import load_gripper, preset_names
-from pipelines.grasping.feasibility.collision import Obstacles, bodies_meet
+from pipelines.grasping.feasibility.collision import Obstacles, bodies_meet, lowest_height
 from pipelines.grasping.feasibility.feasibility import Feasibility
 from pipelines.grasping.feasibility.surroundings import Surroundings
 from pipelines.grasping.grasps import GraspPoses
@@ -78,6 +79,36 @@ def test_fingers_that_stick_out_of_the_palm_sweep_their_own_height():
     slim = replace(load_gripper("rg2"), palm_height=0.004)
     point = obstacle([-0.11, 0.035, 0.009])  # behind a finger, above the palm
     assert free(ALONG_X, point, gripper=slim).tolist() == [False]
+
+
+def test_a_low_obstacle_within_the_margin_below_a_finger_is_met():
+    gripper, tips = load_gripper("rg2"), CONFIG.min_table_distance + 0.0001
+    pose, scene, region = seen([Box((0.03, 0.03, 0.03))], looking_at_table())
+    checks = Feasibility.at(region, scene, gripper, CONFIG, 0.05)
+    height = tips + gripper.tip_reach
+    contacts = transform_points(pose, [[-0.015, 0.0, height], [0.015, 0.0, height]])
+    grasps = GraspPoses.from_contacts(contacts[None], -pose[None, :3, 2])
+    assert checks.allows(grasps).item()
+    beneath = 0.015 + gripper.clearance + gripper.finger_thickness / 2
+    for below in (0.0005, 0.0015):
+        point = transform_points(pose, [[beneath, 0.0, tips - below]])
+        assert checks.with_unseen(point).allows(grasps).item() == (below > CONFIG.body_margin)
+
+
+@pytest.mark.parametrize(("height", "expected"), [(0.018, False), (0.020, True)])
+def test_a_gripper_that_comes_from_below_keeps_off_the_table_on_its_whole_path(height, expected):
+    # The path of 10 cm rises by 10 cm x sin 0.15 = 15 mm; 4 mm stay free at its start.
+    gripper, table = load_gripper("rg2"), Plane(np.array([0.0, -1.0, 0.0]), 0.1)
+    approach = np.array([0.0, -np.sin(0.15), np.cos(0.15)])
+    contacts = np.array([[-0.02, 0.0, 0.5], [0.02, 0.0, 0.5]])
+    grasps = GraspPoses.from_contacts(contacts[None], approach[None])
+    up = (height - lowest_height(grasps, gripper, table)) * table.normal
+    raised = replace(grasps, translation=grasps.translation + up)
+    around = Surroundings(NOTHING, NOTHING, np.zeros(3), 1.0, None)
+    checks = Feasibility(
+        gripper, SceneCloud(np.zeros((240, 320)), CAMERA, table), around, None, CONFIG
+    )
+    assert checks.allows(raised).item() is expected
 
 
 @pytest.mark.parametrize("palm_width", [0.075, 0.5])

@@ -64,6 +64,17 @@ def test_pixels_of_a_region_without_depth_cut_it_nowhere():
     assert ImageBorder.of(mask, depth, sides, CAMERA) is None
 
 
+@pytest.mark.parametrize("side", range(4))
+def test_a_region_within_four_pixels_of_any_side_is_cut_there(side):
+    depth = np.full((240, 320), 0.7)
+    for away, is_cut in ((3, True), (4, False)):
+        mask = np.zeros((240, 320), bool)
+        turned = np.rot90(mask, side)  # a view: its first column is one of the sides
+        turned[100:140, away] = True
+        border = ImageBorder.of(mask, depth, measured_sides(depth), CAMERA)
+        assert (border is not None) is is_cut
+
+
 @pytest.mark.parametrize("side", SIDES)
 def test_no_finger_closes_where_the_image_cuts_an_object_off(side):
     whole, index = render([BOX], POSE)

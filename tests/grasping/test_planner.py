@@ -17,7 +17,7 @@ from pipelines.grasping.feasibility.feasibility import Feasibility
 from pipelines.grasping.feasibility.limits import Limits
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.passes import Pass, RegionModel, planar_pass, random_pass
-from pipelines.grasping.planner import RegionPlanner
+from pipelines.grasping.planner import RegionPlanner, _centeredness
 from pipelines.grasping.ranking.ranking import are_near
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from tests.geometry.tabletops import CAMERA, Ball, Box, Can
@@ -476,6 +476,15 @@ def test_chosen_grasps_stay_within_the_limits():
     assert (-free.approach @ pose[:3, 2] < steep).any()
     assert len(kept) > 0
     assert (-kept.approach @ pose[:3, 2] >= steep - 1e-9).all()
+
+
+def test_a_grasp_loses_half_of_its_stability_toward_the_rim_and_no_more_beyond():
+    turn = np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)
+    rim = 0.03 * np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], 1) + [0.0, 0.0, 0.6]
+    disc = RegionCloud(rim, np.tile([0.0, 0.0, -1.0], (60, 1)), np.ones((1, 60), bool))
+    middles = np.array([[0.0, 0.0, 0.6], [0.015, 0.0, 0.6], [0.03, 0.0, 0.6], [0.3, 0.0, 0.6]])
+    grasps = GraspPoses(np.tile(np.eye(3), (4, 1, 1)), middles, np.full(4, 0.05))
+    np.testing.assert_allclose(_centeredness(grasps, disc), [1.0, 0.75, 0.5, 0.5])
 
 
 def test_the_ranking_orders_the_most_stable_grasps():

@@ -1,5 +1,7 @@
 """Region clouds of a scene: points, normals, pixels and the view ray."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -28,6 +30,21 @@ def test_all_that_a_gripper_may_meet_is_an_obstacle_at_any_distance_of_a_region(
         depth = np.where(SCENE.depth > 0, SCENE.depth + farther, 0.0)
         obstacles = SceneCloud(depth, CAMERA).coarse.points
         assert len(obstacles) == len(SceneCloud(SCENE.depth, CAMERA).coarse.points) > 0
+
+
+@pytest.mark.parametrize(("step", "is_stray"), [(0.011, False), (0.013, True), (-0.013, True)])
+def test_a_pixel_more_than_12_mm_from_its_neighbours_is_stray(step, is_stray):
+    depth = np.full((CAMERA.height, CAMERA.width), 0.7)
+    depth[100, 100] += step
+    scene = SceneCloud(depth, CAMERA)
+    assert (scene.stray.sum(), scene.stray[100, 100]) == (is_stray, is_stray)
+    assert scene.near[100, 100] is np.bool_(not is_stray)
+
+
+def test_the_coarse_obstacles_stand_for_all_pixels():
+    camera = replace(CAMERA, width=300)  # a multiple of three
+    wall = SceneCloud(np.full((240, 300), 0.7), camera)
+    assert wall.coarse.count.sum() == 240 * 300
 
 
 def test_the_ray_is_found_without_a_table():

@@ -1,10 +1,13 @@
 """Hands in Darboux frames of rendered shapes, and their collisions."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from pipelines.geometry.pointcloud import Plane
+from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.grasps import are_rotations
 from pipelines.grasping.peers.darboux import (
     candidate_hands,
@@ -12,7 +15,7 @@ from pipelines.grasping.peers.darboux import (
     outward_normals,
     over_table,
 )
-from pipelines.grasping.peers.hands import Hands, drawn_points, free_hands, thinned
+from pipelines.grasping.peers.hands import Hands, drawn_points, free_hands, hand_grasps, thinned
 from tests.geometry.tabletops import Can
 from tests.grasping.seen_regions import seen
 
@@ -67,6 +70,15 @@ def test_the_closing_region_is_seen_in_the_hands_frame():
     points = np.array([[0.03, 0, 0.01], [0.05, 0, 0.01], [0, 0.015, 0], [0, 0.03, 0], [0, 0, 0.03]])
     local = a_hand([0.0, 0.0, 0.0]).closing_region(0, points)
     assert_allclose(local, [[0.01, 0.03, 0.0], [0.0, 0.0, 0.015]])
+
+
+@pytest.mark.parametrize(("opening", "opened"), [(0.08, 0.08), (0.2, 0.11)])
+def test_a_grasp_has_its_finger_tips_where_the_hand_has_them_and_opens_as_wide(opening, opened):
+    hand, gripper = a_hand([0.1, 0.2, 0.5]), load_gripper("rg2")  # which opens by 11 cm
+    grasps = hand_grasps(replace(hand, opening=np.array([opening])), gripper)
+    tips = grasps.translation + gripper.tip_reach * grasps.approach
+    assert_allclose(tips, [[0.1, 0.2, 0.52]])
+    assert_allclose(gripper.opening(grasps.width), opened)
 
 
 @pytest.mark.parametrize("available", [5, 40])

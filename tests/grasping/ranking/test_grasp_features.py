@@ -114,6 +114,17 @@ def test_numbers_hold_width_pose_symmetry_and_the_seen_surface_at_each_contact()
     assert (none["confidence"], none["is_reflection"], none["is_planar"]) == (0.0, 0.0, 1.0)
 
 
+def test_numbers_hold_where_the_region_lies_and_how_far_it_extends_in_the_hands_frame():
+    grasps, points = hands().grasps, KNOWN.region.points
+    middle = (np.median(points, axis=0) - grasps.translation[0]) @ grasps.rotation[0]
+    local = (points - grasps.translation[0]) @ grasps.rotation[0]
+    expected = {"middle": middle, "mean": local.mean(axis=0) - middle, "spread": local.std(axis=0)}
+    of = named(hands())
+    for name, values in expected.items():  # in half decimetres
+        found = [of[f"{name}_{axis}"] for axis in ("approach", "closing", "binormal")]
+        np.testing.assert_allclose(found, 20.0 * values, atol=1e-5)
+
+
 def named(found):
     """Return the features of one grasp by name."""
     (row,) = views(found).candidates()

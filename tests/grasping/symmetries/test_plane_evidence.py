@@ -70,17 +70,17 @@ def test_only_the_more_likely_of_oblique_planes_is_kept(box, monkeypatch):
     up = level.normal
     oblique = [
         ReflectionSymmetry(rotation_about(up, np.radians(angle)) @ across.normal, across.point)
-        for angle in (0.0, 45.0, 60.0, 90.0)
+        for angle in (60.0, 90.0, 0.0, 45.0)
     ]
-    probability = np.array([0.9, 0.8, 0.3, 0.2])
+    probability = np.array([0.3, 0.2, 0.9, 0.8])
     monkeypatch.setattr(
         "pipelines.grasping.symmetries.plane_evidence.fitted_planes",
-        lambda *_: (oblique, np.array([1, 2, 3, 1])),
+        lambda *_: (oblique, np.array([3, 1, 1, 2])),
     )
     monkeypatch.setattr(type(CRITIC), "probability", lambda *_: probability)
     found = likely_planes(evidence_of(box), axis_of(box), CRITIC)
     assert [each for _, each, _ in found] == [0.9, 0.3]  # 90 degrees is within 30 of a kept one
-    assert found[0][0] is oblique[0]
+    assert found[0][0] is oblique[2]
     assert [source for _, _, source in found] == [1, 3]
 
 

@@ -82,6 +82,32 @@ def test_an_object_that_slides_along_the_lift_and_stays_in_the_fingers_slips(fri
     assert 0.005 < outcome.slip < 0.03
 
 
+@pytest.mark.parametrize(
+    ("slip", "turn", "reason"),
+    [
+        (0.049, 29.0, "held"),
+        (0.051, 29.0, "slipped"),
+        (0.049, 31.0, "turned"),
+        (1.0, 99.0, "slipped"),
+    ],
+)
+def test_slip_and_turn_have_limits(slip, turn, reason, monkeypatch):
+    mesh, height, width, above = SHAPES["box"]
+    grasp = GraspPoses(DOWN, np.array([0.0, 0.0, height + above]), np.array(width))
+    pose, config = (
+        make_pose(np.eye(3), [0.0, 0.0, height]),
+        SimulateConfig(max_slip=0.05, max_turn=30.0),
+    )
+    trial = Trial.of({7: [mesh]}, {7: pose}, 7, grasp, load_gripper("rg2"), config)
+    monkeypatch.setattr(Trial, "_is_raised", lambda *_: True)
+    assert trial._verdict(-1.0, slip, turn) == reason  # from one metre below
+
+
+def test_a_gripper_opens_no_wider_than_it_can():
+    wide = box(0.06, 0.14, 0.10)
+    assert attempt(wide, 0.05, 0.14, 0.03, 0.8).reason == "collision"
+
+
 def test_a_wall_next_to_the_object_stops_the_approach_and_a_far_one_does_not():
     mesh, height, width, above = SHAPES["box"]
     grasp = GraspPoses(DOWN, np.array([0.0, 0.0, height + above]), np.array(width))

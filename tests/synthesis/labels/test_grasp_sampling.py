@@ -194,6 +194,13 @@ def test_an_object_alone_in_the_air_collides_only_with_itself(label: GraspLabel)
     np.testing.assert_array_equal(collision, label.collision)
 
 
+def test_a_candidate_that_holds_at_no_friction_collides_in_every_scene(label: GraspLabel) -> None:
+    # GraspNet's labels need not mark it as colliding with the object itself.
+    unmarked = replace(label, collision=np.zeros_like(label.collision))
+    [collision] = collide([unmarked], [lifted()])
+    np.testing.assert_array_equal(collision, label.min_friction < 0)
+
+
 def test_a_wall_forbids_the_approaches_that_reach_into_it(label: GraspLabel) -> None:
     wall = trimesh.creation.box((0.02, 0.6, 0.6))
     wall.apply_translation((0.032, 0.0, 0.05))
@@ -220,7 +227,7 @@ def test_the_table_forbids_approaches_from_below(label: GraspLabel) -> None:
 
 def test_the_table_meets_a_grasp_exactly_if_a_corner_is_below_it(label: GraspLabel) -> None:
     [collision] = collide([label], [lifted()], table_height=0.0)
-    for candidate in np.random.default_rng(1).permutation(np.argwhere(~label.collision))[:200]:
+    for candidate in np.argwhere(~label.collision):  # for few of them a centimetre decides
         point, view, angle, depth = candidate
         half = label.offsets[(*candidate, 2)] / 2 + 0.01
         corners = [

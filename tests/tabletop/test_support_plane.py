@@ -1,10 +1,12 @@
-"""Hypotheses of a plane in inverse depth, against numpy arrays."""
+"""The support plane, and its hypotheses in inverse depth against numpy arrays."""
 
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipelines.tabletop.support_plane import _counts, _moments
+from pipelines.configs import RegionConfig
+from pipelines.tabletop.support_plane import _counts, _moments, find_support
+from tests.geometry.tabletops import CAMERA
 
 
 def pixels(seed, count):
@@ -36,3 +38,25 @@ def test_normal_equations_sum_over_the_pixels_near_a_plane(seed, count):
     rows = design[:, inliers]
     np.testing.assert_allclose(squares, rows @ rows.T, rtol=1e-12)
     np.testing.assert_allclose(products, rows @ disparity[inliers], rtol=1e-12)
+
+
+def support_of(depth):
+    """The normal and the distance of the support plane of `depth` (240, 320)."""
+    xyz, near = CAMERA.backproject(depth), depth > 0
+    found = find_support(xyz, near, CAMERA, RegionConfig(), np.random.default_rng(0))
+    return found.plane.normal, found.plane.offset
+
+
+def test_a_wall_larger_than_the_table_in_the_image_is_not_the_table():
+    # Both meet in row 130 of 240, at a depth of 1 / 1.2 metres, and come nearer at the same rate.
+    away = np.abs(np.arange(240.0) - 130.0)[:, None] + np.zeros(320)
+    normal, _ = support_of(1.0 / (1.2 + 0.003 * away))
+    assert normal[1] < -0.5  # toward the image's top; that of the wall is toward its bottom
+
+
+def test_the_table_between_tiles_that_cover_more_of_the_image_is_the_table():
+    # Tiles at 65 cm in 60 of each 100 columns, between them the table at 70 cm.
+    depth = np.where(np.arange(320) % 100 < 60, 0.65, 0.7) + np.zeros((240, 1))
+    normal, distance = support_of(depth)
+    np.testing.assert_allclose(normal, [0.0, 0.0, -1.0], atol=1e-3)
+    np.testing.assert_allclose(distance, 0.7, atol=1e-3)

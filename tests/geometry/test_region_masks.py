@@ -67,6 +67,14 @@ def test_an_object_of_one_region_shows_it_in_all_its_pixels():
     assert found.visible > 0.85
 
 
+def test_a_face_toward_the_camera_is_wholly_visible():
+    mesh, x_toward_camera = box(), np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
+    pose = make_pose(x_toward_camera, np.array([0.0, 0.0, 0.5]))
+    found = visible_regions(label_of(mesh, pose), CAMERA, [(0, pose)], {0: halves(mesh)})
+    assert found[0].name == "right"
+    assert found[0].visible > 0.9  # all but pixels at its edges
+
+
 def test_the_visible_share_falls_by_the_hidden_pixels():
     mesh, pose = box(), posed_box(np.random.default_rng(2))
     label = label_of(mesh, pose)

@@ -30,6 +30,12 @@ def test_a_box_face_on_has_the_depth_of_its_front():
     assert hits.object_index[0, 0] == hits.triangle_index[0, 0] == -1
 
 
+def test_normals_are_toward_the_camera_also_from_inside():
+    hits = cast_view(Scene([BOX], [np.eye(4)]), CAMERA, np.eye(4))
+    assert_allclose(hits.depth[23, 31], 0.1, atol=1e-12)
+    assert_allclose(hits.normal[23, 31], [0, 0, -1])
+
+
 def test_the_nearer_object_hides_the_farther():
     scene = Scene([BOX, BALL], [make_pose(np.eye(3), t) for t in ([0.1, 0, 1.0], [0, 0, 0.5])])
     hits = cast_view(scene, CAMERA, np.eye(4))

@@ -69,6 +69,13 @@ def test_slots_hold_three_planes_one_axis_one_sphere():
     assert_allclose(slots.direction[3], axis.axis)
 
 
+def test_symmetries_between_two_probabilities_leave_out_both_limits():
+    plane, axis, sphere = random_symmetries(np.random.default_rng(4))
+    slots = SymmetrySlots.of([(0, plane, 0.2), (1, plane, 0.5), (3, axis, 0.7), (4, sphere, 0.9)])
+    assert [slot for slot, _ in slots.between(0.2)] == [1, 3, 4]
+    assert [(slot, each.kind) for slot, each in slots.between(0.5, 0.9)] == [(3, "rotation")]
+
+
 def test_discrete_rotations_have_no_slot():
     discrete = RotationSymmetry([0, 0, 1], [0, 0, 0], order=6)
     assert SymmetrySlots.from_symmetries([discrete]).probability.sum() == 0

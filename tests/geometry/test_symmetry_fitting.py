@@ -84,6 +84,16 @@ def test_a_plane_whose_far_side_is_hidden_stays_as_predicted():
     assert fit.support < 0.25
 
 
+def test_a_plane_with_little_seen_on_its_far_side_stays_as_predicted():
+    points, normals = ellipsoid(np.random.default_rng(2))
+    kept = normals[:, 0] > 0.1  # images meet the surface near its rim only
+    prediction = ReflectionSymmetry(unit([1.0, 0.1, 0]), [0.004, 0, 0])
+    fit = fit_reflection(prediction, points[kept], normals[kept])
+    assert 0.0 < fit.support < 0.25
+    assert_allclose(fit.direction, prediction.normal)
+    assert_allclose(fit.point, prediction.point)
+
+
 def test_a_box_supports_no_rotation_as_a_can_does():
     rng = np.random.default_rng(2)
     faces = np.repeat(np.eye(3), 400, axis=0)

@@ -46,6 +46,22 @@ def test_a_single_plane_takes_the_best_slot_and_leaves_the_others_empty():
     torch.testing.assert_close(matched.center[1, 3], truth.center[1, 3])
 
 
+def test_empty_slots_of_the_truth_do_not_decide_where_its_plane_goes():
+    can = toy_batch(2, 64)[1:2]  # with one plane
+    g = torch.Generator().manual_seed(2)
+    for _ in range(20):
+        normal = torch.nn.functional.normalize(torch.randn(1, 5, 3, 3, generator=g), dim=-1)
+        center = 0.02 * torch.randn(1, 5, 3, 3, generator=g)
+        truth = can.direction[:, 0], can.center[:, 0]
+        errors = [
+            float(reflection_errors(can.points, normal[:, :, k], center[:, :, k], *truth).mean())
+            for k in range(3)
+        ]
+        matched = match_reflections(can, can.points, normal, center, WEIGHT[:1])
+        expected = [float(error == min(errors)) for error in errors]
+        assert matched.existence[0, :3].tolist() == expected
+
+
 def test_no_other_assignment_of_planes_to_slots_costs_less():
     truth = toy_batch(1, 64)  # a box: three planes
     g = torch.Generator().manual_seed(0)

@@ -72,6 +72,23 @@ def test_points_are_repeated_only_where_there_are_too_few(predictor, count, dist
     assert set(prediction.index) <= set(range(count))
 
 
+def test_the_network_is_told_where_the_camera_is(predictor, monkeypatch):
+    points, told = cloud(300), []
+    outputs = GraspPredictor._outputs
+
+    def noted(self, *seen):
+        told.extend(seen)
+        return outputs(self, *seen)
+
+    monkeypatch.setattr(GraspPredictor, "_outputs", noted)
+    table = Plane(unit([0.0, -1.0, -1.0]), 0.6)
+    (prediction,) = predictor.predict([points], table)
+    seen, ground, camera = told[:3]
+    away = np.linalg.norm(points[prediction.index], axis=1)  # the camera is at the origin
+    assert_allclose(np.linalg.norm(seen[0] - camera[0], axis=1), away, rtol=1e-5)
+    assert_allclose(ground + seen[0, :, 2], table.height(points[prediction.index]), atol=1e-6)
+
+
 @pytest.mark.parametrize("count", [150, 300])
 def test_the_network_sees_points_in_random_order(predictor, count):
     (prediction,) = predictor.predict([cloud(count)])

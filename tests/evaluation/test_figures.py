@@ -75,6 +75,18 @@ def test_masks_that_are_all_found_have_average_precision_one():
     assert [found[name] for name in ("mask_ap50", "mask_ap75", "mask_ap")] == [1.0, 1.0, 1.0]
 
 
+def test_the_precision_of_masks_is_that_of_the_named_overlap():
+    # Both are right at 0.5, the first up to 0.7, only the second at 0.75: precision 1/2 there.
+    right = {iou: [1, 0] if iou < 0.75 else [0, 0] for iou in IOU_THRESHOLDS}
+    right |= {0.5: [1, 1], 0.75: [0, 1]}
+    masks = ScoredPredictions(2, [0.9, 0.8], {f"{iou:g}": each for iou, each in right.items()})
+    found = figures(frame("seen", RowRecord([]), masks))
+    half = 51 / 101  # of COCO's recalls are at most 1/2
+    assert found["mask_ap50"] == pytest.approx(1.0)
+    assert found["mask_ap75"] == pytest.approx(half / 2)
+    assert found["mask_ap"] == pytest.approx((1.0 + 4 * half + half / 2) / 10)
+
+
 def test_the_share_held_rises_with_friction_and_failures_are_never_held():
     verdicts = [held(0.8), held(0.5), Verdict(1, "collision", 0.0, 0.1), Verdict(2, "no region")]
     tally = ReportTally.of([frame("seen", RowRecord(verdicts))])

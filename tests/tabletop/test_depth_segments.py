@@ -1,6 +1,7 @@
 """Connected pieces of a depth image, cut at steps, against a search pixel by pixel."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -142,6 +143,18 @@ def test_pieces_longer_than_an_object_are_too_large():
     ]
     assert list(np.flatnonzero(_too_large(xyz, labels, CONFIG))) == expected
     assert 7 in expected
+
+
+@pytest.mark.parametrize(("half", "pieces"), [(40, 1), (90, 2)])
+def test_a_weak_crease_cuts_only_a_piece_that_is_too_large_for_an_object(half, pieces):
+    # Two planes at 25 degrees, a fold of 2 sin 12.5 = 0.43, meet at 80 cm: together 25 or 52 cm.
+    aside = np.abs(np.arange(320) - 159.5) / CAMERA.fx
+    depth = 0.8 / (1.0 + np.tan(np.radians(12.5)) * aside) + np.zeros((240, 1))
+    mask = np.zeros(depth.shape, bool)
+    mask[100:140, 160 - half : 160 + half] = True
+    labels, _ = segment(CAMERA.backproject(depth), mask, mask, CAMERA.fx, CONFIG)
+    assert len(np.unique(labels[mask])) == pieces
+    assert (labels[120, 160 - half] != labels[120, 159 + half]) == (pieces == 2)
 
 
 def test_pixels_that_are_not_clear_belong_to_a_piece_and_connect_none():

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from pipelines.configs import RegionConfig
 from pipelines.geometry.camera import Intrinsics
@@ -95,6 +96,15 @@ def test_points_stretched_along_the_view_are_a_smear_and_a_steep_box_is_not():
     ray = middle / np.linalg.norm(middle)
     stretched = box + 6.0 * np.outer((box - middle) @ ray, ray)
     assert criteria.is_smear(stretched)
+
+
+@pytest.mark.parametrize(("length", "is_smear"), [(0.045, False), (0.053, True)])
+def test_a_smear_is_over_twice_as_long_along_the_view_as_wide(length, is_smear):
+    # 2 cm wide; nine tenths of the length are compared with 2.2 widths: 49 mm decide.
+    across, along = np.linspace(-0.01, 0.01, 60), np.linspace(-0.5, 0.5, 61) * length
+    x, z = (each.ravel() for each in np.meshgrid(across, 0.7 + along))
+    points = np.stack([x, np.zeros_like(x), z], axis=1)
+    assert found(BOX)[0].criteria.is_smear(points) is is_smear
 
 
 def test_a_sliver_that_leads_from_a_table_toward_the_camera_is_no_region():

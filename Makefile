@@ -12,6 +12,7 @@ SET_dev := --split similar,novel --families wide --scenes-per-split 24 --views 4
 SET_sealed := --split similar,novel --families sealed --scenes-per-split 160 --views 2 --objects 650 \
 	--sensor mixed --surroundings plain,plain,bin,tray,wall,edge --seed 900
 WEIGHTS := $(wildcard pipelines/weights/*.safetensors)
+CODE := $(shell find pipelines -name '*.py' -o -name '*.toml')
 
 .DEFAULT_GOAL := help
 .PHONY: help install demo test check docs eval dev sealed ablations weights weights-paper tables bench golden clean
@@ -71,7 +72,7 @@ build/%/dataset.made: | install
 
 # An interrupted run resumes from its finished frames or scenes; outputs of older inputs or older code
 # are made again.
-build/%/grasps.h5: build/%/dataset.made $(WEIGHTS) $(wildcard pipelines/*.py pipelines/*/*.py)
+build/%/grasps.h5: build/%/dataset.made $(WEIGHTS) $(CODE)
 	rm -f $@
 	$(SYMGRASP) infer build/$*/root --out $@ --timings
 

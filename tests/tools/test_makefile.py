@@ -1,0 +1,77 @@
+"""Targets of the Makefile with a stand-in for symgrasp: what is made, resumed and made again."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+MAKEFILE = Path(__file__).parents[2] / "Makefile"
+EARLIER = 1_000_000_000.0  # seconds; any time before the test
+SYMGRASP = """#!/bin/sh
+for word in "$@"; do [ "$last" != --out ] || out=$word; last=$word; done
+[ "$1" != infer ] || { ls "$out.parts" 2>/dev/null | sed "s/^/part /" >> calls; }
+echo "$1" >> calls
+if [ "$1" = infer ] && [ -e killed ]; then
+    mkdir -p "$out.parts"; touch "$out.parts/frame.h5"
+    exit 1
+fi
+[ -n "$out" ] || { mkdir -p "$2"; exit; }
+touch "$out" && rm -rf "$out.parts"
+"""
+SOURCES = ("infer.py", "grasping/a.py", "grasping/symmetries/b.py", "grippers/rg2.toml")
+
+pytestmark = pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
+
+
+def script(path, text):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+    path.chmod(0o755)
+    return path
+
+
+def make(folder, *words):
+    """Run make in `folder`; return its exit status."""
+    # Under `make test`, the environment has the options of that make.
+    outer = {"MAKEFLAGS", "MFLAGS", "MAKELEVEL", "MAKEOVERRIDES"}
+    environment = {name: value for name, value in os.environ.items() if name not in outer}
+    command = ["make", "--file", str(MAKEFILE), *words]
+    return subprocess.run(
+        command, cwd=folder, env=environment, check=False, capture_output=True
+    ).returncode
+
+
+@pytest.fixture
+def installed(tmp_path):
+    """A folder with sources and an installed environment."""
+    for name in SOURCES:
+        source = tmp_path / "pipelines" / name
+        source.parent.mkdir(parents=True, exist_ok=True)
+        source.touch()
+        os.utime(source, (EARLIER, EARLIER))
+    script(tmp_path / ".venv/bin/python", "#!/bin/sh\n")
+    for name in ("pyproject.toml", ".venv/installed", ".venv/developed"):
+        (tmp_path / name).touch()
+    return tmp_path
+
+
+def evaluated(folder):
+    """Run `make eval` with the stand-in; return its calls, after the parts that infer found."""
+    script(folder / "symgrasp", SYMGRASP)
+    (folder / "calls").write_text("", encoding="utf-8")
+    make(folder, "eval", "SYMGRASP=./symgrasp")
+    return (folder / "calls").read_text(encoding="utf-8").splitlines()
+
+
+def test_a_finished_evaluation_is_only_printed_again(installed):
+    assert evaluated(installed)[-4:] == ["infer", "simulate", "evaluate", "evaluate"]
+    assert evaluated(installed) == ["evaluate"]
+
+
+@pytest.mark.parametrize("name", SOURCES)
+def test_a_changed_source_at_any_depth_makes_all_figures_again(name, installed):
+    evaluated(installed)
+    (installed / "pipelines" / name).touch()
+    assert evaluated(installed) == ["infer", "simulate", "evaluate", "evaluate"]

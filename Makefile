@@ -70,9 +70,15 @@ build/%/dataset.made: | install
 	$(SYMGRASP) refine-grasps build/$*/root --workers 2
 	touch $@
 
-# An interrupted run resumes from its finished frames or scenes; outputs of older inputs or older code
-# are made again.
-build/%/grasps.h5: build/%/dataset.made $(WEIGHTS) $(CODE)
+# An interrupted run resumes from its finished frames or scenes; outputs of older inputs or older code are made again.
+# Parts of `infer` do not tell their code, so they are removed after a change of it; parts of the later steps tell
+# grasps.h5, which is another file after each `infer`, by the seconds of --timings.
+build/%/code.made: $(CODE)
+	mkdir -p $(@D)
+	rm -rf build/$*/grasps.h5.parts
+	touch $@
+
+build/%/grasps.h5: build/%/dataset.made build/%/code.made $(WEIGHTS)
 	rm -f $@
 	$(SYMGRASP) infer build/$*/root --out $@ --timings
 
@@ -84,7 +90,7 @@ build/%/report.json: build/%/grasps.h5 build/%/success.json
 	rm -f $@
 	$(SYMGRASP) evaluate $(call evaluated,build/$*) --workers 2 > /dev/null
 
-.PRECIOUS: build/%/dataset.made build/%/grasps.h5 build/%/success.json
+.PRECIOUS: build/%/dataset.made build/%/code.made build/%/grasps.h5 build/%/success.json
 
 # Each row has the same number of steps on every machine; three seeds take three times as long.
 ABLATIONS := build/ablations

@@ -75,3 +75,24 @@ def test_a_changed_source_at_any_depth_makes_all_figures_again(name, installed):
     evaluated(installed)
     (installed / "pipelines" / name).touch()
     assert evaluated(installed) == ["infer", "simulate", "evaluate", "evaluate"]
+
+
+@pytest.mark.parametrize("is_changed", [False, True])
+def test_a_killed_infer_resumes_unless_a_source_has_changed(is_changed, installed):
+    (installed / "killed").touch()
+    assert evaluated(installed)[-1] == "infer"
+    (installed / "killed").unlink()
+    if is_changed:
+        (installed / "pipelines" / SOURCES[2]).touch()
+    found = [] if is_changed else ["part frame.h5"]
+    assert evaluated(installed) == [*found, "infer", "simulate", "evaluate", "evaluate"]
+
+
+def test_a_source_that_changed_during_infer_makes_all_figures_again(installed):
+    evaluated(installed)
+    made = [path for path in (installed / "build/eval").iterdir() if path.suffix != ".made"]
+    assert {path.name for path in made} == {"root", "grasps.h5", "success.json", "report.json"}
+    (installed / "pipelines" / SOURCES[0]).touch()
+    for path in made:
+        path.touch()
+    assert evaluated(installed) == ["infer", "simulate", "evaluate", "evaluate"]

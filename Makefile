@@ -25,14 +25,18 @@ install: .venv/developed ## make .venv and install symgrasp with its test tools 
 # Modules are compiled at their first import; most installed modules are never imported.
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --no-compile --editable
 
-.venv/bin/python:
-	$(PYTHON) -m venv .venv
+# A failed or killed creation leaves a .venv without pip or without `activate`, which is written last. A .venv with pip
+# is kept; one that lacks only pip, as uv makes them, gets it.
+.venv/created:
+	$(BIN)/python -m pip show --quiet pip 2> /dev/null || { test -e $(BIN)/activate && $(BIN)/python -m ensurepip; } || \
+	    $(PYTHON) -m venv --clear .venv
+	touch $@
 
-.venv/installed: pyproject.toml | .venv/bin/python
+.venv/installed: pyproject.toml | .venv/created
 	$(PIP_INSTALL) .
 	touch $@
 
-.venv/developed: pyproject.toml | .venv/bin/python
+.venv/developed: pyproject.toml | .venv/created
 	$(PIP_INSTALL) '.[dev]'
 	touch .venv/installed $@
 

@@ -1,4 +1,4 @@
-"""Targets of the Makefile with a stand-in for symgrasp: what is made, resumed and made again."""
+"""Targets of the Makefile, with stand-ins for the programs: what is kept and what is made again."""
 
 import os
 import shutil
@@ -19,6 +19,17 @@ if [ "$1" = infer ] && [ -e killed ]; then
 fi
 [ -n "$out" ] || { mkdir -p "$2"; exit; }
 touch "$out" && rm -rf "$out.parts"
+"""
+PYTHON = """#!/bin/sh
+for folder in "$@"; do :; done
+echo "$@" >> created
+mkdir -p "$folder/bin" && cp environment "$folder/bin/python"
+[ ! -e failing ] || exit 1
+touch "$folder/pip" "$folder/bin/activate"
+"""
+ENVIRONMENT = """#!/bin/sh
+[ "$2" != ensurepip ] || touch .venv/pip
+[ -e .venv/pip ]
 """
 SOURCES = ("infer.py", "grasping/a.py", "grasping/symmetries/b.py", "grippers/rg2.toml")
 
@@ -51,8 +62,8 @@ def installed(tmp_path):
         source.parent.mkdir(parents=True, exist_ok=True)
         source.touch()
         os.utime(source, (EARLIER, EARLIER))
-    script(tmp_path / ".venv/bin/python", "#!/bin/sh\n")
-    for name in ("pyproject.toml", ".venv/installed", ".venv/developed"):
+    for name in ("pyproject.toml", ".venv/created", ".venv/installed", ".venv/developed"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
     return tmp_path
 
@@ -96,3 +107,38 @@ def test_a_source_that_changed_during_infer_makes_all_figures_again(installed):
     for path in made:
         path.touch()
     assert evaluated(installed) == ["infer", "simulate", "evaluate", "evaluate"]
+
+
+@pytest.fixture
+def bare(tmp_path):
+    """A folder without an environment, and the interpreter that creates environments."""
+    (tmp_path / "pyproject.toml").touch()
+    script(tmp_path / "environment", ENVIRONMENT)
+    script(tmp_path / "python", PYTHON)
+    return tmp_path
+
+
+def creations(folder):
+    """Return how often `make` has created an environment in `folder`."""
+    created = folder / "created"
+    return len(created.read_text(encoding="utf-8").splitlines()) if created.exists() else 0
+
+
+def test_a_failed_creation_of_the_environment_is_repeated_and_a_finished_one_is_not(bare):
+    (bare / "failing").touch()
+    assert make(bare, ".venv/installed", "PYTHON=./python") == 2
+    (bare / "failing").unlink()
+    assert make(bare, ".venv/installed", "PYTHON=./python") == 0
+    assert creations(bare) == 2
+    (bare / "pyproject.toml").touch()
+    assert make(bare, ".venv/installed", "PYTHON=./python") == 0
+    assert creations(bare) == 2
+
+
+@pytest.mark.parametrize("there", ["pip", "bin/activate"])
+def test_an_environment_that_make_did_not_create_is_kept(there, bare):
+    script(bare / ".venv/bin/python", ENVIRONMENT)
+    (bare / ".venv" / there).touch()
+    assert make(bare, ".venv/installed", "PYTHON=./python") == 0
+    assert creations(bare) == 0
+    assert (bare / ".venv/pip").exists()

@@ -18,6 +18,7 @@ from benchmarks import (
     bench_serve,
 )
 from benchmarks.timing import markdown
+from pipelines.errors import errors_as_sentences
 
 BENCHES = {
     "machine": bench_machine,
@@ -34,6 +35,7 @@ BENCHES = {
 }
 
 
+@errors_as_sentences()
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the named benches, or all, then print."""
     parser = argparse.ArgumentParser(

@@ -5,7 +5,9 @@
 A low figure means that there is no good candidate; the remaining loss is the network's.
 """
 
+import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ import numpy as np
 from pipelines.array_types import Array
 from pipelines.configs import EvaluateConfig, InferConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.errors import errors_as_sentences
 from pipelines.evaluation.frame_scores import owned_by_nearest
 from pipelines.evaluation.predictions import ScoredGrasps
 from pipelines.evaluation.truth import FrameTruth, TruthReader
@@ -54,9 +57,12 @@ def best_qualities(root: GraspNetRoot, variant: str) -> dict[str, list[float]]:
     return found
 
 
-def main() -> None:
+@errors_as_sentences()
+def main(arguments: Sequence[str] | None = None) -> None:
     """Print the mean quality of each variant by split."""
-    root = GraspNetRoot.finished(Path(sys.argv[1]))
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.baseline_oracles")
+    parser.add_argument("root", type=Path, help="dataset in GraspNet-1Billion's layout")
+    root = GraspNetRoot.finished(parser.parse_args(arguments).root)
     for variant in MOST_SCORED:
         found = best_qualities(root, variant)
         found["all"] = [quality for split in found.values() for quality in split]

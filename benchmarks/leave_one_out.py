@@ -29,7 +29,7 @@ from pipelines.array_types import Array
 from pipelines.compare import Figure, compared
 from pipelines.configs import CompareConfig, EvaluateConfig, InferConfig
 from pipelines.configs.settings import changed
-from pipelines.errors import SymgraspError
+from pipelines.errors import SymgraspError, errors_as_sentences
 from pipelines.evaluation.paired_runs import EvaluatedRun
 from pipelines.evaluation.run_readers import DEFAULT_ROW, read_run
 from pipelines.evaluation.truth import FrameTruth, TruthReader
@@ -229,6 +229,7 @@ def _cell(figure: Figure | None, rule: Rule) -> str:
     return f"{difference.value:+.4f} ({difference.low:+.3f} to {difference.high:+.3f})"
 
 
+@errors_as_sentences()
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure all rules or the named rules, one after the other."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.leave_one_out", description=__doc__)

@@ -28,6 +28,7 @@ import numpy as np
 import psutil
 
 from benchmarks.bench_serve import wait_for
+from pipelines.errors import errors_as_sentences
 from pipelines.inference.models import WEIGHTS
 
 PORT = 18767
@@ -202,6 +203,7 @@ def resource_summary(samples: Sequence[ResourceSample]) -> str:
     return "\n".join(lines) + "\n"
 
 
+@errors_as_sentences()
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run both commands, then print the summary."""
     parser = argparse.ArgumentParser(

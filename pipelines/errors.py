@@ -3,7 +3,9 @@
 import difflib
 import os
 import re
-from collections.abc import Iterable
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +50,19 @@ class SymgraspError(Exception):
     def __reduce__(self) -> str | tuple[Any, ...]:
         """Return the pickled form, in which a worker passes the error to its parent."""
         return super().__reduce__() if self.arguments is None else (type(self), self.arguments)
+
+
+@contextmanager
+def errors_as_sentences() -> Iterator[None]:
+    """End the program with exit code 1 and one sentence on stderr, if a user can fix the error.
+
+    For scripts of the project; `symgrasp` itself has its own boundary.
+    """
+    try:
+        yield
+    except (SymgraspError, OSError) as error:
+        sys.stderr.write(f"error: {error_sentence(error)}\n")
+        raise SystemExit(1) from error
 
 
 class FormatError(SymgraspError):

@@ -12,7 +12,7 @@ from typing import Any
 
 import torch
 
-from pipelines.errors import SymgraspError
+from pipelines.errors import SymgraspError, errors_as_sentences
 from pipelines.storage.checkpoints import load_weights, save_weights
 
 DESCRIPTION = ("model", "config", "features")  # metadata that networks of one kind share
@@ -46,6 +46,7 @@ def _mean(tensors: Sequence[torch.Tensor]) -> torch.Tensor:
     return torch.stack([each.double() for each in tensors]).mean(0).to(tensors[0].dtype)
 
 
+@errors_as_sentences()
 def main() -> None:
     """Read the options and average."""
     parser = argparse.ArgumentParser(description=__doc__)

@@ -15,6 +15,7 @@ import torch
 from pipelines.configs import InferConfig, NetworkConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.training.region_frames import read_region_frame
+from pipelines.errors import errors_as_sentences
 from pipelines.inference.models import NETWORK_WEIGHTS
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.weights_files import read_weights, weights_metadata
@@ -61,6 +62,7 @@ def true_regions(out: Path, dataset: Path) -> int:
     return frames
 
 
+@errors_as_sentences()
 def main() -> None:
     """Read the options and write the requested control."""
     parser = argparse.ArgumentParser(description=__doc__)

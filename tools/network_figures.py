@@ -15,6 +15,7 @@ from torch import Tensor
 
 from pipelines.configs import NetworkConfig, TrainConfig
 from pipelines.dataset.training.packed_regions import PackedReader
+from pipelines.errors import errors_as_sentences
 from pipelines.inference import models
 from pipelines.learning.grasp_network.grasp_training import VALIDATION_BATCH, GraspTraining
 from pipelines.learning.grasp_network.region_sources import RegionSet, TrainingRegions
@@ -72,6 +73,7 @@ def offset(
     return (apart / (points - points.mean(1, keepdim=True)).square().sum(-1).mean(1)).sqrt()
 
 
+@errors_as_sentences()
 def main() -> None:
     """Print a line for each network."""
     parser = argparse.ArgumentParser(description=__doc__)

@@ -19,6 +19,7 @@ from pipelines.configs import InferConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_labels import read_rect
 from pipelines.dataset.graspnet.graspnet_views import view_rotations
+from pipelines.errors import errors_as_sentences
 from pipelines.frames.rgbd import Frame
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.gripper_files import load_gripper
@@ -141,6 +142,7 @@ def write_oracle(name: str, root: GraspNetRoot, out: Path, scenes: int) -> int:
     return len(results)
 
 
+@errors_as_sentences()
 def main() -> None:
     """Read the options and write the grasps."""
     parser = argparse.ArgumentParser(description=__doc__)

@@ -18,6 +18,7 @@ import numpy as np
 from pipelines.array_types import Array
 from pipelines.configs import EvaluateConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.errors import FormatError, MissingInputError, errors_as_sentences
 from pipelines.evaluation.records import FrameRecord, read_frame_records, records_folder
 from pipelines.evaluation.rows import OURS
 from pipelines.evaluation.truth import TruthReader
@@ -76,17 +77,30 @@ def best_quality(scene: TrueScene, object_id: int, gripper: Gripper) -> float:
 
 
 def record_frames(report: Path) -> Iterator[FrameRecord]:
-    """Yield the frames that `report` scored."""
+    """Yield the frames that `report` scored.
+
+    Raises:
+        MissingInputError: there are no records.
+    """
     files = sorted(records_folder(report).glob("*.json"))
     if not files:
-        raise SystemExit(f"{records_folder(report)}: no records; run `symgrasp evaluate` first")
+        raise MissingInputError(records_folder(report) / "*.json", "symgrasp evaluate")
     for path in files:
         yield from read_frame_records(path)
 
 
 def main(report: Path, root: GraspNetRoot) -> None:
-    """Print the objects that were not held, and counts of possible grasps."""
-    gripper = load_gripper(read_stamp(report)["config"]["gripper"])
+    """Print the objects that were not held, and counts of possible grasps.
+
+    Raises:
+        FormatError: `report` is no report.
+    """
+    stamp = read_stamp(report) or {}
+    if stamp.get("stage") != "evaluate":
+        raise FormatError(
+            report, "is no report", "a report.json of `symgrasp evaluate` is expected"
+        )
+    gripper = load_gripper(stamp["config"]["gripper"])
     truths = TruthReader(root, EvaluateConfig())
     tallies: dict[str, Tally] = defaultdict(Tally)
     for frame in record_frames(report):
@@ -112,4 +126,5 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("report", type=Path)
     parser.add_argument("root", type=lambda text: GraspNetRoot(Path(text)))
-    main(**vars(parser.parse_args()))
+    with errors_as_sentences():
+        main(**vars(parser.parse_args()))

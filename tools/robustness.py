@@ -18,6 +18,7 @@ import numpy as np
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
 from pipelines.dataset.meshes import read_mesh
+from pipelines.errors import errors_as_sentences
 from pipelines.evaluation.records import read_frame_records, records_folder
 from pipelines.evaluation.rows import OURS
 from pipelines.evaluation.tallies import WITHOUT_GRASP
@@ -88,11 +89,18 @@ def run(*arguments: object) -> None:
     """Run a command of `symgrasp` in this process, so that weights are loaded once.
 
     Its report goes to stderr: stdout has the table of the points alone.
+
+    Raises:
+        SystemExit: the command failed, and has said why.
     """
     from symgrasp_cli.app import app  # noqa: PLC0415 - slow to load, and the table needs no command
 
-    with redirect_stdout(sys.stderr):
-        app([str(each) for each in arguments], standalone_mode=False)
+    try:
+        with redirect_stdout(sys.stderr):
+            app([str(each) for each in arguments])
+    except SystemExit as ended:
+        if ended.code:
+            raise
 
 
 def make_point(root: GraspNetRoot, name: str, out: Path, options: Sequence[str]) -> None:
@@ -141,6 +149,7 @@ def _sums(
     return [float(sum(figure(run[name][i]) for i in ids)) for name, ids in pairs]
 
 
+@errors_as_sentences()
 def main() -> None:
     """Make the points, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pipelines.errors import errors_as_sentences
 from pipelines.evaluation.reports import GivenTable
 from pipelines.evaluation.rows import ordered_rows, report_row
 from pipelines.grasp_files.grasps_stream import read_index
@@ -85,6 +86,7 @@ def costs(rows: Iterable[Path], weights: Path) -> GivenTable:
     return GivenTable("Cost of each row", HEADER, body, NOTE)
 
 
+@errors_as_sentences()
 def main() -> None:
     """Write the table of a folder of `make tables`."""
     parser = argparse.ArgumentParser(prog="python -m tools.row_costs")

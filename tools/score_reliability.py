@@ -17,6 +17,7 @@ import numpy as np
 
 from pipelines.configs import EvaluateConfig, SimulateConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.errors import SymgraspError, ValueRangeError, errors_as_sentences
 from pipelines.evaluation.frame_scores import assign_regions
 from pipelines.evaluation.predictions import FramePredictions
 from pipelines.evaluation.trial_records import HELD
@@ -109,12 +110,21 @@ def excess(tried: list[TriedGrasp]) -> tuple[float, float, float]:
 
 
 def main(grasps: Path, root: GraspNetRoot, stride: int, friction: float) -> None:
-    """Print the table of a file's grasps."""
+    """Print the table of a file's grasps.
+
+    Raises:
+        ValueRangeError: `stride` is not positive.
+        SymgraspError: no grasp is on an object.
+    """
+    if stride < 1:
+        raise ValueRangeError("STRIDE", stride, "at least 1")
     index = read_index(grasps)
     gripper, tried = load_gripper(index.gripper), []
     for result in read_dataset_frames(grasps, range(0, len(index.names), stride)):
         tried += list(tried_grasps(result, root, gripper, friction))
         sys.stderr.write(f"{result.name}: {len(tried)} grasps tried\n")
+    if not tried:
+        raise SymgraspError(f"{grasps} has no grasp on an object of {root.root}; give other grasps")
     sys.stdout.write("\n".join(reliability_rows(tried)) + "\n")
     more, low, high = excess(tried)
     held = np.mean([each.held for each in tried])
@@ -131,4 +141,5 @@ if __name__ == "__main__":
     parser.add_argument("root", type=lambda text: GraspNetRoot(Path(text)))
     parser.add_argument("stride", type=int, nargs="?", default=1)
     parser.add_argument("friction", type=float, nargs="?", default=0.5)
-    main(**vars(parser.parse_args()))
+    with errors_as_sentences():
+        main(**vars(parser.parse_args()))

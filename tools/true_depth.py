@@ -17,7 +17,7 @@ from pipelines.array_types import Array
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot, write_depth
 from pipelines.dataset.graspnet.graspnet_layout import FrameFiles
 from pipelines.dataset.meshes import read_mesh
-from pipelines.errors import SymgraspError
+from pipelines.errors import SymgraspError, errors_as_sentences
 from pipelines.geometry.rendering import Scene, cast_view
 from pipelines.storage.files import atomic_folder
 from pipelines.storage.provenance import make_stamp, write_sidecar
@@ -59,6 +59,7 @@ def copy_with_true_depth(source: Path, out: Path) -> int:
     return count
 
 
+@errors_as_sentences()
 def main() -> None:
     """Read the options and copy."""
     parser = argparse.ArgumentParser(description=__doc__)

@@ -13,6 +13,7 @@ from pathlib import Path
 import torch
 
 from pipelines.configs.presets import PRESETS
+from pipelines.errors import errors_as_sentences
 from pipelines.learning.grasp_network.grasp_training import Sample, sample_loss
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.storage.checkpoints import load_weights
@@ -52,6 +53,7 @@ def compare_rows(options: argparse.Namespace) -> None:
                 sys.stdout.flush()
 
 
+@errors_as_sentences()
 def main() -> None:
     """Read the options and compare."""
     parser = argparse.ArgumentParser(description=__doc__)

@@ -12,7 +12,7 @@ from typing import cast
 import torch
 
 from pipelines.configs import DetectorConfig
-from pipelines.errors import ValueRangeError
+from pipelines.errors import ValueRangeError, errors_as_sentences
 from pipelines.network.detection.backbone import TwoStreamBackbone
 from pipelines.network.detection.detector import MODEL_NAME
 from pipelines.network.detection.mask_rcnn import build_detector
@@ -52,4 +52,5 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("both", type=Path)
     parser.add_argument("out", type=Path)
-    write(**vars(parser.parse_args()))
+    with errors_as_sentences():
+        write(**vars(parser.parse_args()))

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.errors import errors_as_sentences
 from pipelines.learning.peers.peer import (
     Arrays,
     count_peer_frames,
@@ -122,5 +123,6 @@ if __name__ == "__main__":
     parser.add_argument("packed", type=Path, help="OUT.xz")
     parser.add_argument("folder", type=Path, help="NAME.frames")
     options = parser.parse_args()
-    done = commands[options.command](options.packed, options.folder)
+    with errors_as_sentences():
+        done = commands[options.command](options.packed, options.folder)
     sys.stdout.write(f"{done} frames\n")

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from pipelines.array_types import Array
 from pipelines.configs import EndlessConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.errors import errors_as_sentences
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.region_masks import RegionedObject
 from pipelines.geometry.symmetry import (
@@ -171,5 +172,6 @@ if __name__ == "__main__":
     parser.add_argument("out", type=Path)
     parser.add_argument("roots", type=Path, nargs="+")
     options = parser.parse_args()
-    count = write(options.out, options.roots)
+    with errors_as_sentences():
+        count = write(options.out, options.roots)
     sys.stdout.write(f"{count} objects\n")

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from pipelines.dataset.training import detector_frames
 from pipelines.dataset.training.detector_frames import DetectorFrame
+from pipelines.errors import errors_as_sentences
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.pointcloud import Plane
 from pipelines.storage.array_files import write_npz
@@ -79,6 +80,7 @@ class SmallFrames:
         return np.asarray(cv2.imdecode(self._arrays[name][start : ends[number]], kind))
 
 
+@errors_as_sentences()
 def main() -> None:
     """Read the options and write the file."""
     parser = argparse.ArgumentParser(description=__doc__)

@@ -12,6 +12,7 @@ from torch import Tensor
 from pipelines.configs import TrainConfig
 from pipelines.configs.presets import PRESETS, preset_settings
 from pipelines.configs.settings import changed, changed_by_text
+from pipelines.errors import errors_as_sentences
 from pipelines.learning.grasp_network.grasp_training import Sample, sample_loss
 from pipelines.learning.loop.loop import CLIP_NORM, LOG_SECONDS
 from pipelines.network import augmentation, pointnet2, sampling
@@ -195,6 +196,7 @@ def run_training(options: argparse.Namespace) -> None:
     save_weights(options.out, step.averaged_weights(), metadata)
 
 
+@errors_as_sentences()
 def main() -> None:
     """Read the options and train."""
     parser = argparse.ArgumentParser(description=__doc__)

@@ -14,6 +14,7 @@ from torch.utils.data import DataLoader, IterableDataset, get_worker_info
 from torchvision.models.detection import MaskRCNN
 
 from pipelines.configs import DetectorConfig, FinetuneDetectorConfig
+from pipelines.errors import errors_as_sentences
 from pipelines.learning.detector.detector_start import starting_detector
 from pipelines.learning.detector.detector_training import frames_loss
 from pipelines.learning.detector.frame_views import DetectorExample, random_example
@@ -125,6 +126,7 @@ def train_detector(options: argparse.Namespace) -> None:
             return
 
 
+@errors_as_sentences()
 def main() -> None:
     """Read the options and train."""
     parser = argparse.ArgumentParser(description=__doc__)

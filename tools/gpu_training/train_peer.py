@@ -17,6 +17,7 @@ import torch
 from pipelines.configs import TrainBaselineConfig
 from pipelines.configs.settings import changed_by_text
 from pipelines.dataset.training.region_frames import split_frames
+from pipelines.errors import errors_as_sentences
 from pipelines.learning.loop.loop import TrainingRun
 from pipelines.learning.loop.runs import RunRequest, find_progress
 from pipelines.learning.peers.peer import PeerTraining, count_peer_frames
@@ -59,6 +60,7 @@ def train_on_frames(
     return str(run.report(started, resumes=earlier is not None))
 
 
+@errors_as_sentences()
 def main() -> None:
     """Read the options and train."""
     parser = argparse.ArgumentParser(description=__doc__)

@@ -20,6 +20,7 @@ from torch import Tensor
 
 from pipelines.configs import TrainConfig
 from pipelines.configs.presets import PRESETS
+from pipelines.errors import errors_as_sentences
 from pipelines.learning.grasp_network.grasp_training import Sample
 from pipelines.learning.loop.loop import LOG_SECONDS
 from pipelines.network.model import SymmetryGraspNet
@@ -234,6 +235,7 @@ def train_once(
         row.write(options.out, steps)
 
 
+@errors_as_sentences()
 def main() -> None:
     """Read the options and train."""
     parser = argparse.ArgumentParser(description=__doc__)

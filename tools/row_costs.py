@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipelines.errors import errors_as_sentences
+from pipelines.errors import MissingInputError, errors_as_sentences
 from pipelines.evaluation.reports import GivenTable
 from pipelines.evaluation.rows import ordered_rows, report_row
 from pipelines.grasp_files.grasps_stream import read_index
@@ -88,11 +88,18 @@ def costs(rows: Iterable[Path], weights: Path) -> GivenTable:
 
 @errors_as_sentences()
 def main() -> None:
-    """Write the table of a folder of `make tables`."""
+    """Write the table of a folder of `make tables`.
+
+    Raises:
+        MissingInputError: the folder has no rows.
+    """
     parser = argparse.ArgumentParser(prog="python -m tools.row_costs")
     parser.add_argument("folder", type=Path, help="with rows/NAME.h5 and weights/NAME.safetensors")
     folder = parser.parse_args().folder
-    table = costs(sorted((folder / "rows").glob("*.h5")), folder / "weights")
+    rows = sorted((folder / "rows").glob("*.h5"))
+    if not rows:
+        raise MissingInputError(folder / "rows" / "*.h5", "make tables")
+    table = costs(rows, folder / "weights")
     write_json(folder / "costs.json", asdict(table))
 
 

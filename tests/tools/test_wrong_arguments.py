@@ -19,6 +19,7 @@ WRONG = {
     "tools/peer_oracle": "graspnet none {out}",
     "tools/possible_grasps": "none.json none",
     "tools/robustness": "none {out}",
+    "tools/row_costs": "none",
     "tools/score_reliability": "none.h5 none",
     "tools/true_depth": "none {out}",
     "benchmarks/baseline_oracles": "none",
@@ -44,6 +45,7 @@ def test_a_missing_input_is_reported_in_one_sentence(script, tmp_path, monkeypat
     (line,) = lines
     assert line.startswith("error: ")
     assert "none" in line
+    assert not (tmp_path / "none").exists()
 
 
 def test_a_file_that_is_no_report_is_refused(tmp_path, monkeypatch, capsys):

@@ -12,7 +12,7 @@
 # table-iv.json the networks of Table IV are trained; TABLE_IV=no leaves this out.
 set -eu
 
-FOLDER=$1
+FOLDER=${1:?usage: tools/make_tables.sh FOLDER [full|tiny] [DATASET]}
 SIZE=${2:-full}
 DATASET=${3:-}
 SYMGRASP=${SYMGRASP:-symgrasp}

@@ -8,7 +8,7 @@
 # minutes: its weights are useless and only show that the chain works.
 set -eu
 
-FOLDER=$1
+FOLDER=${1:?usage: tools/make_weights.sh FOLDER [full|small|tiny] [paper]}
 SIZE=${2:-full}
 METHOD=${3:-default}
 SYMGRASP=${SYMGRASP:-symgrasp}

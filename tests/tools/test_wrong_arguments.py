@@ -1,6 +1,7 @@
 """Scripts of the project end in one sentence, without a traceback, when arguments are wrong."""
 
 import runpy
+import subprocess
 import sys
 from pathlib import Path
 
@@ -79,6 +80,17 @@ def test_a_command_that_fails_ends_the_robustness_curves(tmp_path, capsys):
     with pytest.raises(SystemExit) as ended:
         robustness.run("infer", tmp_path, "--out", tmp_path / "grasps.h5")
     assert ended.value.code == 1
+
+
+@pytest.mark.parametrize("name", ["make_tables.sh", "make_weights.sh"])
+@pytest.mark.parametrize("arguments", [[], [""]])
+def test_a_shell_script_without_a_folder_shows_its_usage(arguments, name, tmp_path):
+    command = ["sh", ROOT / "tools" / name, *arguments]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert ended.returncode != 0
+    (line,) = ended.stderr.splitlines()
+    assert f"usage: tools/{name} FOLDER" in line
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("error", [SymgraspError("a"), OSError("a")])

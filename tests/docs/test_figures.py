@@ -8,7 +8,9 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 WEIGHTS = (ROOT / "pipelines" / "weights" / "README.md").read_text(encoding="utf-8")
-HISTORY = (ROOT / "docs" / "experiments" / "benchmark-history.md").read_text(encoding="utf-8")
+EXPERIMENTS = ROOT / "docs" / "experiments"
+HISTORY = (EXPERIMENTS / "benchmark-history.md").read_text(encoding="utf-8")
+INDEX = (EXPERIMENTS / "index.md").read_text(encoding="utf-8")
 SPLITS = ("seen", "similar", "novel", "all")
 
 
@@ -58,3 +60,14 @@ def test_the_share_held_in_simulation_is_that_of_the_readme():
     rate, low, high = re.search(r"grasps hold (\d+) % \((\d+) to (\d+)\)", README).groups()
     (held,) = [line for line in WEIGHTS.splitlines() if re.match(r"\| ours \| \d+ \(", line)]
     assert held.rstrip("| ").endswith(f"{rate} ({low} to {high})")
+
+
+def test_the_seconds_of_a_frame_are_those_of_the_page_on_speed_and_of_the_index():
+    (paragraph,) = re.findall(r"^\*\*Speed\.\*\* .+?\n\n", README, re.MULTILINE | re.DOTALL)
+    seconds = re.findall(r"\d\.\d+(?= s\b| to )", paragraph)
+    assert seconds
+    (row,) = re.findall(r"^\| \[Speed\]\(speed\.md\) .+$", INDEX, re.MULTILINE)
+    page = (EXPERIMENTS / "speed.md").read_text(encoding="utf-8")
+    for each in seconds:
+        assert f"{each} s" in row
+        assert re.search(rf"\b{re.escape(each)} s\b", page)

@@ -71,3 +71,13 @@ def test_the_seconds_of_a_frame_are_those_of_the_page_on_speed_and_of_the_index(
     for each in seconds:
         assert f"{each} s" in row
         assert re.search(rf"\b{re.escape(each)} s\b", page)
+
+
+def test_the_figures_of_posed_real_objects_are_those_of_the_page_of_compared_methods():
+    stated = re.search(r"48 objects of real frames [^.]+ are\s(\d\.\d+) and (\d\.\d+)\.", README)
+    page = (EXPERIMENTS / "baselines.md").read_text(encoding="utf-8")
+    section = page.split("## On dev and on real frames", 1)[1].split("\n## ", 1)[0]
+    assert cells_of(section, "SymGrasp") == list(stated.groups())
+    (row,) = re.findall(r"^\| \[Compared methods\].+$", INDEX, re.MULTILINE)
+    assert f"SymGrasp {stated[1]} |" in row
+    assert f"SymGrasp {stated[1]}." in page.split("\n## ", 1)[0]

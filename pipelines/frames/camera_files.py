@@ -168,7 +168,7 @@ def camera_from_mapping(path: Path, content: Any) -> CameraFile:  # noqa: ANN401
         FormatError: keys are missing, or values are no numbers.
     """
     if not isinstance(content, dict):
-        raise FormatError(path, "this is no JSON object", FORMS)
+        raise FormatError(path, "this has no keys", FORMS)
     content = _with_camera(content)
     try:
         facts: dict[str, Any] = _size(content)

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+import yaml
 from numpy.testing import assert_allclose
 
 from pipelines.errors import FormatError, SymgraspError
@@ -45,6 +46,10 @@ FILES = {
     "savetxt.txt": "\n".join(" ".join(map(repr, row)) for row in ROWS),
     "commas.txt": "\n".join(", ".join(map(repr, row)) for row in ROWS),
     "matrix.yaml": f"camera_to_base: {ROWS}\n",
+    "bare.yaml": f"{ROWS}\n",
+    "rows.yaml": "".join(f"- {row}\n" for row in ROWS),
+    "flat.yml": f"---\n{T_BASE_CAM.ravel().tolist()}\n---\n",
+    "dumped.yaml": yaml.safe_dump(ROWS),
     "lists.yaml": f"position: [0.5, -0.2, 0.8]\norientation: [{X}, {Y}, {Z}, {W}]\n",
     "both.json": json.dumps(
         {
@@ -94,6 +99,8 @@ def test_the_pose_is_read_from_an_array_that_numpy_saved(tmp_path):
         ("i.launch", "<launch/>", "publishes no static transform"),
         ("k.txt", "fx = 600", "does not hold numbers alone"),
         ("l.txt", "1 2 3", "holds no pose"),
+        ("m.yaml", "- [1, 0]\n- [0, 1]\n", "holds no pose"),
+        ("n.yaml", "", "holds no pose"),
         ("j.yaml", "parameters: 3\ntransformation: [1, 2]\n", "holds no pose"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Small YAML files that hold cameras: of ROS, camera_calibration, OpenCV, or typed by hand.
+"""Small YAML files that hold cameras or their poses: of ROS, OpenCV, other tools, or typed by hand.
 
 PyYAML's plainest loader makes only texts, lists and dictionaries. Texts that look like numbers are
 converted here, since YAML 1.1 takes 0600 for 384, 1e3 for a text and 1:30 for 90.
@@ -51,33 +51,38 @@ class _PlainLoader(yaml.BaseLoader):
         return node
 
 
-def read_yaml(path: Path) -> dict[str, Value]:
+def read_yaml(path: Path) -> Value:
     """Return the top-level values of a YAML file; of several documents, each key's first value.
 
+    A file without a key, such as that of a bare matrix, gives its first list or text.
+
     A document that adds no key is the last that is read, so that a long recording of one camera
-    costs no more than its first message; damage after the first document is ignored.
+    costs no more than its first message; damage after the first mapping or list is ignored.
 
     Raises:
         FormatError: the file is damaged, too large, too deep, or has aliases.
     """
     content: dict[str, Value] = {}
+    bare: Value = None
     for document in _documents(path):
-        known = len(content)
-        content = document | content
-        if len(content) == known:
-            break
-    return content
+        if isinstance(document, dict):
+            known = len(content)
+            content = document | content
+            if len(content) == known:
+                break
+        elif bare is None:
+            bare = document
+    return content or bare
 
 
-def _documents(path: Path) -> Iterator[dict[str, Value]]:
-    """Yield the mappings among the documents of `path`, up to the first damaged one."""
+def _documents(path: Path) -> Iterator[Value]:
+    """Yield the documents of `path`, up to the first damaged one."""
     loader = _PlainLoader(_text(path))
     is_first = True
     try:
         while loader.check_data():  # type: ignore[no-untyped-call]
-            if isinstance(found := loader.get_data(), dict):
-                yield {key: _value(each) for key, each in found.items()}
-                is_first = False
+            yield (found := _value(loader.get_data()))
+            is_first = is_first and not isinstance(found, dict | list)
     except (yaml.YAMLError, ValueError, OverflowError) as error:  # the last two: of \\U escapes
         if is_first:
             raise FormatError(path, _sentence(error), CAMERA_EXPECTED) from error

@@ -92,6 +92,28 @@ def test_the_first_document_and_the_first_of_equal_keys_count(tmp_path: Path) ->
     assert read_yaml(tmp_path / "c.yaml") == {"a": 1.0, "b": 4.0}
 
 
+@pytest.mark.parametrize(
+    ("text", "content"),
+    [
+        ("[[1, 2], [3, 4]]", [[1.0, 2.0], [3.0, 4.0]]),
+        ("- 1\n- a: x\n---\n- 2\n---\nb: [3,\n", [1.0, {"a": "x"}]),
+        ("- 1\n---\na: 2\n", {"a": 2.0}),
+        ("# nothing\n", None),
+    ],
+)
+def test_without_a_key_the_first_list_is_the_content(
+    tmp_path: Path, text: str, content: object
+) -> None:
+    (tmp_path / "c.yaml").write_text(text)
+    assert read_yaml(tmp_path / "c.yaml") == content
+
+
+def test_a_list_is_no_camera(tmp_path: Path) -> None:
+    (tmp_path / "c.yaml").write_text("- 600\n- 600\n")
+    with pytest.raises(FormatError, match="this has no keys; fx, fy"):
+        read_camera_file(tmp_path / "c.yaml")
+
+
 def test_damage_below_the_first_document_is_passed_over(tmp_path: Path) -> None:
     (tmp_path / "c.yaml").write_text("a: 1\n---\na: 2\nb: [3,\n")
     assert read_yaml(tmp_path / "c.yaml") == {"a": 1.0}

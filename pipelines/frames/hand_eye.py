@@ -30,12 +30,13 @@ MOST_NAMES = 4  # of poses that an error lists
 POSE_SUFFIXES = (".json", ".yaml", ".yml", ".npy", ".txt")  # of the poses of single frames
 POSITIONS, TURNS = ("translation", "position"), ("rotation", "quaternion", "orientation")
 NUMBER = r"[-+]?[\d.]+(?:[eE][-+]?\d+)?"
-LAUNCH = re.compile(rf"args=\"\s*((?:{NUMBER}\s+){{7}})(\S+)\s+\S+")
+LAUNCH = re.compile(rf"args=\"\s*((?:{NUMBER}\s+){{7}})(\S+)\s+([^\s\"]+)")
 COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 SAME_POSE = 1e-3  # largest difference of a pose that is written twice, as with few digits
 ON_HAND = re.compile(r"eye[-_ ]?(?:in|on)[-_ ]?hand")
 LONGEST_REMARK = 40  # characters of a text that states where the camera is
 PARENT_KEYS = ("frame_id", "parent_frame", "parent", "robot_base_frame")
+CHILD_KEYS = ("child_frame_id", "child_frame", "child", "tracking_base_frame", "camera_frame")
 # Parts of the names of frames that move with the arm, and of poses in such frames.
 MOVING = re.compile(r"(?<![a-z])(?:gripper|flange|effector|tcp|wrist|eef?|link8)(?![a-z])")
 HAND = re.compile(rf"(?<![a-z])(?:hand|tool)(?![a-z])|{MOVING.pattern}")
@@ -48,10 +49,17 @@ class HandEye:
     Attributes:
         T_base_cam: (4, 4), camera to the robot's base, metres.
         base: name of the base's frame; empty if the file names none.
+        camera: name of the camera's frame; empty if the file names none.
     """
 
     T_base_cam: Array
     base: str = ""
+    camera: str = ""
+
+    @property
+    def is_of_body(self) -> bool:
+        """Whether the camera's frame is, by its name in ROS, one with x forward (REP 103)."""
+        return self.camera.endswith(("_link", "_frame")) and "optical" not in self.camera
 
 
 def find_frame_pose(folder: Path, frame_name: str) -> Path:
@@ -87,7 +95,8 @@ def read_hand_eye(path: Path) -> HandEye:
     if _is_on_hand(content) or _is_moving(name.rpartition(".")[2].lower()):
         raise _on_hand(path)
     base = facts.get("robot_base_frame", "")
-    return HandEye(_checked(path, pose), base if isinstance(base, str) else "")
+    camera = next(_cameras(content), "")
+    return HandEye(_checked(path, pose), base if isinstance(base, str) else "", camera)
 
 
 def _only(path: Path, found: list[tuple[str, Array]]) -> tuple[str, Array]:
@@ -153,6 +162,15 @@ def _is_on_hand(content: object, key: str = "") -> bool:
         return HAND.search(text) is not None
     states = bool(ON_HAND.search(key)) and text in ("true", "yes", "1", "1.0")
     return states or ON_HAND.search(text) is not None
+
+
+def _cameras(content: object, key: str = "") -> Iterator[str]:
+    """Yield the names of the camera's frame at any level of `content`."""
+    if isinstance(content, dict):
+        for name, each in content.items():
+            yield from _cameras(each, str(name).lower())
+    elif isinstance(content, str) and key in CHILD_KEYS:
+        yield content
 
 
 def _poses(path: Path, content: object, name: str = "") -> Iterator[tuple[str, Array]]:
@@ -230,12 +248,12 @@ def _of_launch(path: Path) -> HandEye:
     if not found:
         raise FormatError(path, "publishes no static transform", EXPECTED)
     try:
-        numbers = [np.array([float(each) for each in texts.split()]) for texts, _base in found]
+        numbers = [np.array([float(each) for each in texts.split()]) for texts, *_names in found]
     except ValueError as error:
         raise FormatError(path, f"has a transform that is no numbers ({error})", EXPECTED) from None
     poses = [_posed(path, each[:3], each[3:]) for each in numbers]
-    bases = [base for _texts, base in found]
+    bases = [base for _texts, base, _camera in found]
     base, pose = _only(path, list(zip(bases, poses, strict=True)))
     if HAND.search(base.lower()):
         raise _on_hand(path)
-    return HandEye(_checked(path, pose), base)
+    return HandEye(_checked(path, pose), base, found[0][2])

@@ -77,6 +77,39 @@ def test_the_pose_is_read_from_the_file_of_every_tool(name, tmp_path):
         assert found.base == "base_link"
 
 
+@pytest.mark.parametrize("camera", ["camera_link", "cell/camera_color_frame", "optical_frame"])
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("easy_handeye.yaml", EASY_HANDEYE),
+        ("easy_handeye2.calib", EASY_HANDEYE2),
+        ("moveit.launch", LAUNCH),
+        ("period.launch", LAUNCH.replace("_frame", "_frame 100")),
+        (
+            "transform.json",
+            json.dumps(
+                {
+                    "header": {"frame_id": "base_link"},
+                    "child_frame_id": "camera_color_optical_frame",
+                    "transform": {"translation": [0.5, -0.2, 0.8], "rotation": [X, Y, Z, W]},
+                }
+            ),
+        ),
+    ],
+)
+def test_a_frame_of_the_cameras_body_is_told_from_the_optical_frame(camera, name, text, tmp_path):
+    (tmp_path / name).write_text(text.replace("camera_color_optical_frame", camera))
+    found = read_hand_eye(tmp_path / name)
+    assert found.camera == camera
+    assert found.is_of_body == (camera != "optical_frame")
+
+
+def test_a_matrix_alone_names_no_camera(tmp_path):
+    (tmp_path / "x.json").write_text(json.dumps(ROWS))
+    assert read_hand_eye(tmp_path / "x.json").camera == ""
+    assert not read_hand_eye(tmp_path / "x.json").is_of_body
+
+
 def test_the_pose_is_read_from_an_array_that_numpy_saved(tmp_path):
     np.save(tmp_path / "x.npy", T_BASE_CAM)
     assert_allclose(read_hand_eye(tmp_path / "x.npy").T_base_cam, T_BASE_CAM, atol=1e-9)

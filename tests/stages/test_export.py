@@ -215,6 +215,22 @@ def test_a_camera_on_the_hand_has_a_pose_in_each_frame(whole_name, grasps, tmp_p
         assert_allclose(np.reshape(exported, (-1, 2, 3)), expected, atol=1e-6)
 
 
+@pytest.mark.parametrize("camera", ["camera_link", "camera_color_optical_frame"])
+@pytest.mark.parametrize("of_each_frame", [False, True])
+def test_a_calibration_of_the_cameras_body_is_warned_of_once(
+    camera, of_each_frame, grasps, tmp_path, caplog
+):
+    pose, eye = {"child_frame_id": camera, "T": np.eye(4).tolist()}, tmp_path / "eye.json"
+    write_json(eye, pose)
+    if of_each_frame:
+        eye = tmp_path / "poses"
+        for each in read_whole(grasps).results:
+            write_json(eye / f"{each.name}.json", pose)
+    export.run(grasps, tmp_path / "x.json", ExportConfig(to="json"), camera_to_base=eye)
+    command = "tf2_echo camera_link camera_color_optical_frame"
+    assert caplog.text.count(command) == (camera == "camera_link")
+
+
 def test_a_frame_without_a_pose_is_named_and_the_others_are_exported(grasps, tmp_path):
     found = [each.name for each in read_whole(grasps).results if len(each.grasps)]
     for name in found[1:]:

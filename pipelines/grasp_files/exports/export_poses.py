@@ -1,5 +1,6 @@
 """Origin and frame of exported poses: gripper base or tool point, in camera or robot frame."""
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -9,9 +10,10 @@ import numpy as np
 
 from pipelines.array_types import Array
 from pipelines.errors import ValueRangeError
-from pipelines.frames.hand_eye import find_frame_pose, read_hand_eye
+from pipelines.frames.hand_eye import HandEye, find_frame_pose, read_hand_eye
 from pipelines.grasping.gripper import Gripper
 
+log = logging.getLogger(__name__)
 CAMERA_AXES = "camera, OpenCV axes: x right, y down, z forward"
 CAMERA_FRAME, BASE_FRAME = "camera_color_optical_frame", "base_link"  # REP 103, REP 105
 GRIPPER_AXES = "y = closing, from the first contact to the second; z = approach; x = y cross z"
@@ -101,6 +103,7 @@ def pose_frame(camera_to_base: Path | None, frame_id: str) -> PoseFrame:
     if camera_to_base is None:
         return PoseFrame(frame_id=frame_id or CAMERA_FRAME)
     found = read_hand_eye(camera_to_base)
+    _warn_of_body(found)
     return _base_frame(found.T_base_cam, frame_id or found.base or BASE_FRAME)
 
 
@@ -119,11 +122,26 @@ def pose_frame_of_each(
         frame = pose_frame(camera_to_base, frame_id)
         return frame, lambda _name: frame
     folder, common = camera_to_base, _base_frame(np.eye(4), frame_id or BASE_FRAME)
+    known: set[str] = set()  # cameras; each is warned of once
 
     def of_frame(name: str) -> PoseFrame:
-        return replace(common, T_frame_cam=read_hand_eye(find_frame_pose(folder, name)).T_base_cam)
+        found = read_hand_eye(find_frame_pose(folder, name))
+        if found.camera not in known:
+            known.add(found.camera)
+            _warn_of_body(found)
+        return replace(common, T_frame_cam=found.T_base_cam)
 
     return common, of_frame
+
+
+def _warn_of_body(found: HandEye) -> None:
+    if found.is_of_body:
+        log.warning(
+            "the calibration is of %s: unless its z axis points forward, multiply the pose from "
+            "the right by that of the camera's optical frame, which `ros2 run tf2_ros tf2_echo "
+            "%s %s` prints",
+            *(found.camera, found.camera, CAMERA_FRAME),
+        )
 
 
 def _base_frame(T_base_cam: Array, name: str) -> PoseFrame:

@@ -61,7 +61,7 @@ def test_only_the_first_compilation_prints_a_message(tmp_path):
     script.write_text(SAYS, encoding="utf-8")
     made = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True)
     assert made.stderr.count("\n") == 1
-    assert "compiled first" in made.stderr
+    assert "first use of this command after an installation" in made.stderr
 
 
 def test_a_frame_compiles_each_loop_once_and_no_text():

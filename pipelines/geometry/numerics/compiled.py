@@ -42,7 +42,8 @@ class CompilationNotice(event.Listener):
         if module.startswith("pipelines."):
             event.unregister(COMPILING, self)  # type: ignore[no-untyped-call]
             log.warning(
-                "inner loops are compiled first; that takes up to a minute, once for each command"
+                "inner loops are compiled at the first use of this command after an installation; "
+                "that takes up to a minute"
             )
 
     def on_end(self, ended: event.Event) -> None:

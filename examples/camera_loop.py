@@ -1,4 +1,4 @@
-"""Grasps of a camera, frame by frame: prints the best grasp of each frame.
+"""Grasps of a camera, frame by frame: prints the best grasp of each frame, if worth trying.
 
     pip install pyrealsense2
     python camera_loop.py --gripper franka
@@ -65,6 +65,9 @@ def main(arguments: list[str] | None = None) -> None:
     for grasps in found(realsense_frames(), detector):
         if not grasps:
             print(grasps.message)
+            continue
+        if not grasps.best.worth_trying:
+            print(f"{len(grasps)} grasps, none worth trying: move the camera")
             continue
         x, y, z = grasps.best.pose()[:3, 3]
         print(f"{len(grasps)} grasps; best: base at {x:.3f} {y:.3f} {z:.3f} m")

@@ -3,8 +3,8 @@
     python ros2_node.py --ros-args -p gripper:=franka -r color:=/camera/color/image_raw ...
 
 Images are rectified, depth registered to colour. Grasps are poses of the gripper's base (z
-approach, y closing) in the frame of the depth image, best first; widths and openings are metres, in
-the same order.
+approach, y closing) in the frame of the depth image, best first, without those not worth trying;
+widths and openings are metres, in the same order.
 """
 
 from typing import Any
@@ -60,10 +60,11 @@ def answer(node: Any, detector: GraspDetector) -> None:
 
     def publish(color: Any, depth: Any, camera: Any) -> None:
         try:
-            grasps = detector(array_of(color), array_of(depth), matrix_of(camera))
+            every = detector(array_of(color), array_of(depth), matrix_of(camera))
         except SymgraspError as error:
             node.get_logger().warning(str(error))
             return
+        grasps = every[every.worth_trying]
         found = [pose_of(pose) for pose in grasps.poses()]
         poses.publish(PoseArray(header=depth.header, poses=found))
         widths.publish(Float32MultiArray(data=grasps.width.tolist()))

@@ -12,7 +12,7 @@ import pytest
 from examples import camera_loop
 from pipelines.frames.camera_files import camera_from_mapping
 from pipelines.frames.lens import BROWN, Distortion
-from tests.examples.tabletop_frame import COLOR, DEPTH, LENS, light_detector
+from tests.examples.tabletop_frame import COLOR, DEPTH, LENS, doubtful_detector, light_detector
 
 FRAME = camera_loop.CameraFrame(
     COLOR, DEPTH, dict(zip(("fx", "fy", "cx", "cy"), LENS, strict=True))
@@ -107,3 +107,11 @@ def test_the_loop_prints_the_best_grasp_of_each_frame(monkeypatch, capsys):
     first, second = capsys.readouterr().out.splitlines()
     assert " grasps; best: base at " in first
     assert "nothing stands out" in second
+
+
+def test_a_best_grasp_not_worth_trying_is_not_printed_as_one_to_try(monkeypatch, capsys):
+    monkeypatch.setattr(camera_loop, "realsense_frames", lambda: iter([FRAME]))
+    monkeypatch.setattr(camera_loop, "GraspDetector", doubtful_detector)
+    camera_loop.main([])
+    (line,) = capsys.readouterr().out.splitlines()
+    assert line.endswith("none worth trying: move the camera")

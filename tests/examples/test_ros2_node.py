@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from symgrasp import SymgraspError
 from tests.examples import ros_stand_ins
-from tests.examples.tabletop_frame import COLOR, DEPTH, LENS, light_detector
+from tests.examples.tabletop_frame import COLOR, DEPTH, LENS, doubtful_detector, light_detector
 
 HEADER = ros_stand_ins.message_type("std_msgs/msg/Header")(frame_id="camera_color_optical_frame")
 MILLIMETRES = np.round(DEPTH * 1000).astype(np.uint16)
@@ -102,6 +102,16 @@ def test_a_frame_becomes_poses_widths_and_openings_in_the_frame_of_the_depth(exa
     np.testing.assert_allclose(widths.data, expected.width)
     np.testing.assert_allclose(openings.data, expected.opening)
     assert not node.warnings
+
+
+@pytest.mark.parametrize("sure", [0, 2])
+def test_grasps_not_worth_trying_are_not_published(example, node, sure):
+    deliver = answering(example, node, doubtful_detector("franka", sure))
+    deliver(image(COLOR, "rgb8"), image(MILLIMETRES, "16UC1"), camera_info())
+    ((poses,), (widths,), (openings,)) = (
+        node.publishers[topic].published for topic in ("grasps", "widths", "openings")
+    )
+    assert len(poses.poses) == len(widths.data) == len(openings.data) == sure
 
 
 def test_rectified_images_have_the_camera_of_the_projection_matrix(example, node):

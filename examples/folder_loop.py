@@ -2,9 +2,9 @@
 
     python folder_loop.py my_frames --out grasps --gripper franka
 
-The folder holds `NAME_color.png`, `NAME_depth.png` (16 bit) and `NAME_camera.json` (`fx`, `fy`,
-`cx`, `cy`, `depth_scale`). `symgrasp infer` reads many other layouts and resumes after a kill; your
-own loop is useful if each frame needs further work.
+The folder holds `NAME_color.png`, `NAME_depth.png` (16 bit) and `NAME_camera.json`, or one
+`camera.json` for all frames (`fx`, `fy`, `cx`, `cy`, `depth_scale`). `symgrasp infer` reads many
+other layouts and resumes after a kill; your own loop is useful if each frame needs further work.
 """
 
 import argparse
@@ -22,8 +22,9 @@ def grasps_in(color_path: Path, detector: GraspDetector) -> Grasps:
     stem = str(color_path).removesuffix("_color.png")
     color = np.asarray(Image.open(color_path).convert("RGB"))
     depth = np.asarray(Image.open(f"{stem}_depth.png"))
-    camera = json.loads(Path(f"{stem}_camera.json").read_text(encoding="utf-8"))
-    return detector(color, depth, camera)
+    own, shared = Path(f"{stem}_camera.json"), color_path.with_name("camera.json")
+    camera = (own if own.exists() else shared).read_text(encoding="utf-8")
+    return detector(color, depth, json.loads(camera))
 
 
 def as_json(grasps: Grasps) -> str:
@@ -34,6 +35,7 @@ def as_json(grasps: Grasps) -> str:
             "poses": grasps.poses().round(6).tolist(),
             "openings": grasps.opening.round(6).tolist(),
             "rank_scores": grasps.rank_score.tolist(),
+            "worth_trying": grasps.worth_trying.tolist(),
         }
     )
 

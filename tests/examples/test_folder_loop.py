@@ -27,6 +27,22 @@ def test_each_frame_has_its_poses_and_a_damaged_frame_is_passed_over(tmp_path, m
     assert written["gripper"] == "franka"
     poses = np.array(written["poses"])
     assert len(poses) == len(written["openings"]) == len(written["rank_scores"]) > 0
+    assert written["worth_trying"] == [True] * len(poses)
     np.testing.assert_allclose(nearest_orthogonal(poses[:, :3, :3]), poses[:, :3, :3], atol=1e-5)
     lines = capsys.readouterr().out.splitlines()
     assert [line.split(":")[0] for line in lines] == ["a", "b", "c"]
+
+
+def test_a_frame_without_its_own_camera_has_that_of_all_frames(tmp_path, monkeypatch):
+    monkeypatch.setattr(folder_loop, "GraspDetector", light_detector)
+    camera = dict(zip(("fx", "fy", "cx", "cy"), LENS, strict=True))
+    for name in "ab":
+        write_image(tmp_path / f"{name}_color.png", COLOR)
+        write_image(tmp_path / f"{name}_depth.png", np.round(DEPTH * 1000).astype(np.uint16))
+    write_json(tmp_path / "camera.json", camera)
+    write_json(tmp_path / "b_camera.json", camera | {"cx": camera["cx"] + 5.0})
+    folder_loop.main([str(tmp_path), "--out", str(tmp_path)])
+    of_all, own = (json.loads((tmp_path / f"{name}.json").read_text())["poses"] for name in "ab")
+    assert of_all
+    assert own
+    assert of_all[0] != own[0]

@@ -41,3 +41,15 @@ def test_a_small_object_beneath_a_hanging_arm_stays_an_object():
 def test_a_mushroom_stands_although_the_camera_sees_beneath_its_cap():
     stem, cap = Can(0.012, 0.12), Can(0.05, 0.02, (0.0, 0.0, 0.12))
     assert things_among(BOX, stem, cap)[2]
+
+
+def test_a_finger_is_no_object_although_a_step_in_depth_separates_it_from_its_hand():
+    hand = Box((0.1, 0.1, 0.3), (0.1, 0.0, 0.25))
+    finger = Box((0.03, 0.03, 0.12), (0.1, -0.12, 0.16))
+    assert things_among(BOX, hand, finger) == [True, False, False]
+
+
+def test_a_cap_far_from_a_hand_stays_an_object():
+    stem, cap = Can(0.012, 0.12), Can(0.05, 0.02, (0.0, 0.0, 0.12))
+    hand = Box((0.08, 0.08, 0.3), (0.22, 0.0, 0.25))
+    assert things_among(cap, hand, stem)[:2] == [True, False]

@@ -41,13 +41,21 @@ def standing(
     if plane is None:
         return result
     measured = box_of(np.isfinite(xyz[..., 2]))
-    pieces, hanging = pieces_of_labels(whole, xyz, config.min_pixels), list[LabelledPiece]()
-    for piece in pieces:
-        if quantiles(plane.height(piece.points), 0.02) < config.max_floating:
+    pieces = pieces_of_labels(whole, xyz, config.min_pixels)
+    floating = [p for p in pieces if quantiles(plane.height(p.points), 0.02) >= config.max_floating]
+    # A free-hanging piece is held from outside the image, or by something unseen (D. 136).
+    hanging = [
+        piece
+        for piece in floating
+        if _reaches_out(piece.box, measured) and _hangs_free(piece, xyz, plane, camera)
+    ]
+    arms = [piece.label for piece in hanging]
+    result[arms] = False
+    for piece in floating:
+        if not result[piece.label]:
             continue
-        # A free-hanging piece is held from outside the image, or by something unseen (D. 136).
-        if _reaches_out(piece.box, measured) and _hangs_free(piece, xyz, plane, camera):
-            hanging.append(piece)
+        # A step in depth separates a finger from its hand.
+        if _is_beside(piece, arms, whole) and _hangs_free(piece, xyz, plane, camera):
             result[piece.label] = False
         elif not _foot_may_be_hidden(piece, xyz, whole, plane):
             result[piece.label] = _hides_its_foot(piece, xyz, plane, camera, config)
@@ -63,6 +71,15 @@ def _reaches_out(box: Box, measured: Box) -> bool:
         own.start < whole.start + BORDER or own.stop > whole.stop - BORDER
         for own, whole in zip(box, measured, strict=True)
     )
+
+
+def _is_beside(piece: LabelledPiece, others: list[int], whole: Labels) -> bool:
+    """Return whether a piece is within `FOOT` pixels of one of the pieces labelled `others`."""
+    rows, columns = (slice(max(0, s.start - FOOT), s.stop + FOOT) for s in piece.box)
+    around = whole[rows, columns]
+    side = 2 * FOOT + 1
+    near = cv2.dilate((around == piece.label).astype(np.uint8), np.ones((side, side), np.uint8))
+    return bool(np.isin(around[near > 0], others).any())
 
 
 def _hangs_free(piece: LabelledPiece, xyz: Array, plane: Plane, camera: Intrinsics) -> bool:

@@ -237,7 +237,7 @@ def _spread_note(count: int) -> str:
     if count > 1:
         return f"Means of {count} seeds, ± their standard deviation."
     return (
-        "One seed; intervals: 95 %, paired bootstrap over frames, without the spread between\n"
+        "One seed; intervals: 95 %, paired bootstrap over scenes, without the spread between\n"
         "trainings, which needs more seeds."
     )
 
@@ -266,7 +266,7 @@ def _above(figures: Mapping[str, Any]) -> str:
     if figure["spread"] is not None:
         return f"{figure['mean']:+.3f} ± {figure['spread']:.3f}"
     low, high = figure["intervals"][0]
-    if low is None or high is None:  # intervals of one frame
+    if low is None or high is None:  # intervals of one scene
         return f"{figure['mean']:+.3f}"
     return f"{figure['mean']:+.3f} ({low:+.3f} to {high:+.3f})"
 

@@ -11,6 +11,7 @@ process.
 """
 
 import argparse
+import math
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -64,7 +65,7 @@ REMEMBERED = {
 REMEMBERED_OBJECTS = (TruthReader, FrameTruth, TrueScene, TrueRegion)  # each object exists once
 NOTE = """\
 Differences to the run with all rules (or with the rule in brackets), 95 % intervals of a paired
-bootstrap over frames; a positive difference means that the rule is harmful.
+bootstrap over scenes; a positive difference means that the rule is harmful.
 """
 
 
@@ -226,6 +227,8 @@ def _cell(figure: Figure | None, rule: Rule) -> str:
     (difference,) = figure.differences
     if difference.value == 0.0 and difference.low == difference.high:
         return "same"
+    if not math.isfinite(difference.low):  # a single scene
+        return f"{difference.value:+.4f}"
     return f"{difference.value:+.4f} ({difference.low:+.3f} to {difference.high:+.3f})"
 
 

@@ -5,7 +5,7 @@ Reads   A.json, B.json, ...  reports of `evaluate`, or each a success.json of `s
 Writes  compare.json or compare.html, if requested
 
 Only frames that all runs contain are compared; other frames are counted. The interval of a
-difference to the first run is a paired bootstrap over frames, or over scenes with all their frames.
+difference to the first run is a paired bootstrap over scenes with all their frames, or over frames.
 """
 
 import math
@@ -14,13 +14,10 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from pipelines.configs import CompareConfig, check_settings
 from pipelines.contents import mapping_in
-from pipelines.dataset.graspnet.graspnet_layout import frame_key
 from pipelines.errors import SymgraspError
+from pipelines.evaluation.bootstrap_units import VIEWS_NOTE, bootstrap_units
 from pipelines.evaluation.figures import TEST_SPLITS
 from pipelines.evaluation.pages.report_page import TEMPLATES
 from pipelines.evaluation.paired_runs import EvaluatedRun, paired_frames
@@ -41,9 +38,6 @@ FOR_BASELINES = ("baselines", "seed", "affordance", "grasp_critic", "hands")
 # Labels that `evaluate --exact` takes from other files, so that their digests differ anyway.
 TAKEN_BY_EXACT = {"meshes", "poses"}
 SEEDED = ("simulate",)  # stages where the seed affects all rows: it cuts models into pieces
-VIEWS_NOTE = (
-    "Views of one scene are alike: intervals over frames are too narrow, --unit scene is better."
-)
 METRIC_NAMES = {
     "grasp_quality": "grasp quality",
     "antipodal_score": "antipodal, pair",
@@ -121,7 +115,7 @@ def compared(runs: Sequence[EvaluatedRun], config: CompareConfig, seed: int) -> 
             if not names:
                 continue
             each = [run.figure(metric, names) for run in runs]
-            group = _groups(names, config.unit)
+            group = bootstrap_units(names, config.unit)
             values, found = differences(each, group, config.resamples, config.level, seed)
             if any(map(math.isfinite, values)):
                 figures.append(Figure(metric, split, len(names), values, found))
@@ -156,7 +150,8 @@ def tables(comparison: Comparison) -> list[Table]:
         found.append(Table(title, tuple(header), tuple(map(_row, figures))))
     note = (
         f"Differences to {first}; intervals by paired bootstrap over {config.unit}s, "
-        f"{config.resamples} draws; * excludes zero, over at least {FEWEST_UNITS} {config.unit}s."
+        f"{config.resamples} draws; a single {config.unit} has none; * excludes zero, over at "
+        f"least {FEWEST_UNITS} {config.unit}s."
     )
     note += f" {VIEWS_NOTE}" if config.unit == "frame" else ""
     return [*found[:-1], replace(found[-1], note=note)]
@@ -178,14 +173,6 @@ def run_names(reports: Sequence[Path]) -> list[str]:
     while len({each[: len(each) - end][-length:] for each in parts}) < len(parts):
         length += 1
     return ["/".join(each[: len(each) - end][-length:]) for each in parts]
-
-
-def _groups(names: Sequence[str], unit: str) -> NDArray[np.int64]:
-    """Return (f,) the index of the bootstrap unit of each frame: the frame, or its scene."""
-    if unit == "frame":
-        return np.arange(len(names))
-    scenes = [key[0] if (key := frame_key(name)) else name for name in names]
-    return np.unique(scenes, return_inverse=True)[1].astype(np.int64)
 
 
 def _frame_notes(runs: Sequence[EvaluatedRun], paired: int) -> list[str]:

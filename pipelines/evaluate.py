@@ -21,7 +21,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
-from pipelines.configs import EvaluateConfig
+from pipelines.configs import EvaluateConfig, IntervalConfig
+from pipelines.configs.evaluation import BootstrapUnit
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.evaluation import reports
 from pipelines.evaluation.baselines import Baselines, rows_of
@@ -56,6 +57,7 @@ def run(
     baselines: bool = False,
     success: Sequence[Path] = (),
     tables: Sequence[Path] = (),
+    unit: BootstrapUnit = IntervalConfig.unit,
     seed: int = 0,
 ) -> StageReport:
     """Evaluate `grasps` against `dataset`; write `output` and the files next to it.
@@ -64,7 +66,7 @@ def run(
     plan with ground truth, from the boundary, and at random by `seed`. `success`: each a
     `success.json` that `simulate` made of the grasps of a row, with the same gripper, dataset and
     choice of objects.
-    `tables`: JSON files of further tables, shown unchanged.
+    `tables`: JSON files of further tables, shown unchanged. `unit`: of the intervals.
     """
     runs = ComparedRuns.of(grasps, others, dataset)
     config = replace(config, gripper=runs.gripper(config.gripper))
@@ -86,6 +88,7 @@ def run(
             runs,
             config,
             stamp,
+            unit=unit,
             success=simulated,
             failed=report.failed,
             tables=further,

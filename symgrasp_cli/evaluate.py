@@ -37,7 +37,8 @@ FurtherTables = Annotated[
 
 
 @with_settings(
-    "evaluate", named_as("graspnet.exact", "graspnet.frame_stride", "gripper", "min_visible_pixels")
+    "evaluate",
+    named_as("graspnet.exact", "graspnet.frame_stride", "gripper", "min_visible_pixels", "unit"),
 )
 def evaluate(
     config: EvaluateSettings,
@@ -98,6 +99,7 @@ def evaluate(
             baselines=baselines,
             success=success or (),
             tables=table or (),
+            unit=config.unit,
             seed=seed,
         )
         tables_of = stage.tables

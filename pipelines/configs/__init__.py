@@ -18,6 +18,7 @@ from pipelines.configs.evaluation import (
     CompareConfig,
     EvaluateConfig,
     EvaluateDumpConfig,
+    IntervalConfig,
     ScoreGraspsConfig,
     SimulateConfig,
 )

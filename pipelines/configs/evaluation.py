@@ -54,14 +54,20 @@ class EvaluateDumpConfig:
 
 
 @dataclass(frozen=True)
-class CompareConfig:
-    """Comparison of runs: a paired bootstrap over frames or scenes."""
+class IntervalConfig:
+    """Intervals of figures: a bootstrap over scenes or frames."""
+
+    unit: BootstrapUnit = choice(
+        "scene", "Unit that intervals draw: scene, because its views are alike, or frame.", "D. 151"
+    )
+
+
+@dataclass(frozen=True)
+class CompareConfig(IntervalConfig):
+    """Comparison of runs: a paired bootstrap over scenes or frames."""
 
     row: str = choice(
         "ours", "Row of the reports, e.g. ours or planar-critic; for a dump, a camera.", "D. 51"
-    )
-    unit: BootstrapUnit = choice(
-        "frame", "Unit that the bootstrap draws: frame, or scene, as its views are alike.", "D. 51"
     )
     resamples: int = count(2000, "Draws of the bootstrap.", BY_EYE)
     level: float = fraction(0.95, "Level of the intervals.", BY_EYE)

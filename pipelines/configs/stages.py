@@ -8,6 +8,7 @@ from pipelines.configs import (
     EvaluateConfig,
     EvaluateDumpConfig,
     InferConfig,
+    IntervalConfig,
     ServeConfig,
     WatchConfig,
 )
@@ -31,7 +32,7 @@ class ServeSettings(InferConfig):
 
 
 @dataclass(frozen=True)
-class EvaluateSettings(EvaluateConfig):
+class EvaluateSettings(IntervalConfig, EvaluateConfig):  # no interval is in a record or its stamp
     """Metrics (Sec. IV)."""
 
     graspnet: EvaluateDumpConfig = field(default_factory=EvaluateDumpConfig)  # another protocol

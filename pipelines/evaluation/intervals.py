@@ -1,9 +1,11 @@
-"""Intervals of a report's figures: a bootstrap over frames, by row and split."""
+"""Intervals of a report's figures: a bootstrap over scenes or frames, by row and split."""
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from pipelines.configs.evaluation import BootstrapUnit
+from pipelines.evaluation.bootstrap_units import bootstrap_units
 from pipelines.evaluation.figures import Figures
 from pipelines.evaluation.paired_runs import EvaluatedRun
 from pipelines.evaluation.records import FrameRecord
@@ -20,6 +22,7 @@ class RowIntervals:
     """Frames of a report by row; `keys` are the result of `threshold_keys`."""
 
     keys: Mapping[str, str]
+    unit: BootstrapUnit
     runs: dict[str, EvaluatedRun] = field(default_factory=dict)
 
     def add(self, record: FrameRecord) -> None:
@@ -36,10 +39,11 @@ class RowIntervals:
     def _intervals(self, row: str, split: str) -> dict[str, tuple[float, float]]:
         run = self.runs[row]
         frames = run.names_in(split)
+        group = bootstrap_units(frames, self.unit)
         found = {}
         for metric in sorted(run.metrics):
             figure = run.figure(metric, frames)
-            ends = interval(figure, len(frames), _resamples(figure), LEVEL, seed=0)
+            ends = interval(figure, group, _resamples(figure), LEVEL, seed=0)
             if all(map(math.isfinite, ends)):
                 found[metric] = ends
         return found

@@ -5,7 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.configs import EvaluateConfig
+from pipelines.configs.evaluation import BootstrapUnit
 from pipelines.evaluation import reports
+from pipelines.evaluation.bootstrap_units import UNIT_ENTRY
 from pipelines.evaluation.figures import Figures, report_curves, report_rows
 from pipelines.evaluation.intervals import RowIntervals
 from pipelines.evaluation.other_runs import ComparedRuns
@@ -27,6 +29,7 @@ def write_report_files(
     config: EvaluateConfig,
     stamp: Stamp,
     *,
+    unit: BootstrapUnit,
     success: Mapping[str, Mapping[str, Any]],
     failed: Mapping[str, str],
     tables: Sequence[Mapping[str, Any]],
@@ -34,12 +37,12 @@ def write_report_files(
     """Write `output` and the page next to it; return the faults of pictures: frame to sentence.
 
     `scenes`: records of each scene, one scene in memory. `stamp`: of the records, made from `runs`.
-    `success`: content of a row's `success.json`, by row. `failed`: scene that could not be
-    evaluated and is left out, to reason. `tables`: further tables.
+    `unit`: of the intervals. `success`: content of a row's `success.json`, by row. `failed`: scene
+    that could not be evaluated and is left out, to reason. `tables`: further tables.
     """
     thresholds, sphere = config.symmetry_thresholds, config.sphere_threshold
     tally, choices = ReportTally(), {row: FrameChoice(row) for row in runs.paths}
-    intervals = RowIntervals(threshold_keys(thresholds[0], sphere))
+    intervals = RowIntervals(threshold_keys(thresholds[0], sphere), unit)
     for records in scenes:
         for choice in choices.values():
             choice.add(records)
@@ -49,6 +52,7 @@ def write_report_files(
     rows = report_rows(tally, thresholds, sphere)
     intervals.add_to(rows)
     more: dict[str, Any] = {
+        UNIT_ENTRY: unit,
         "failed": dict(failed),
         "curves": report_curves(tally, thresholds, sphere),
     }

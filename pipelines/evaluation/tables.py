@@ -10,6 +10,7 @@ from typing import Any
 
 from pipelines.contents import mapping_in
 from pipelines.evaluation import published
+from pipelines.evaluation.bootstrap_units import interval_note
 from pipelines.evaluation.figures import TEST_SPLITS, Figures
 from pipelines.evaluation.published import Published
 from pipelines.evaluation.rows import OURS, report_row, rows_note
@@ -50,16 +51,16 @@ def report_sections(report: Mapping[str, Any]) -> dict[str, list[Table]]:
     """Return the tables of a `report.json` by heading."""
     rows: ReportRows = report["rows"]
     title = "Table I. Grasp quality, 1 - mu"
-    quality = split_table(rows, "grasp_quality", published.GRASP_QUALITY, title)
+    quality = split_table(report, "grasp_quality", published.GRASP_QUALITY, title)
     quality = replace(quality, note=f"{quality.note} {rows_note(rows)}{_left_out(report)}")
     title = "Table I by a sweep of mu in steps of 0.1"
-    swept = split_table(rows, "grasp_quality_swept", published.GRASP_QUALITY, title)
+    swept = split_table(report, "grasp_quality_swept", published.GRASP_QUALITY, title)
     title = "Table II. Antipodal score of the contact pair"
-    pair = split_table(rows, "antipodal_score", published.ANTIPODAL_SCORE, title)
+    pair = split_table(report, "antipodal_score", published.ANTIPODAL_SCORE, title)
     title = "Antipodal score of the closing region (S4G's)"
-    region = split_table(rows, "antipodal_score_region", {}, title)
+    region = split_table(report, "antipodal_score_region", {}, title)
     sections: dict[str, list[Table | None]] = {
-        "Grasps": [quality, swept, pair, region, graspnet_table(rows)],
+        "Grasps": [quality, swept, pair, region, graspnet_table(report)],
         "Success": [success_table(report), trial_table(report)],
         "Symmetries": [symmetry_table(report)],
         "Region masks": [mask_table(rows)],
@@ -88,8 +89,9 @@ def _left_out(report: Mapping[str, Any]) -> str:
     )
 
 
-def split_table(rows: ReportRows, figure: str, paper: Published, title: str) -> Table:
+def split_table(report: Mapping[str, Any], figure: str, paper: Published, title: str) -> Table:
     """Return a mean over objects by method and split, the paper's rows first."""
+    rows: ReportRows = report["rows"]
     is_trained_on = any(figures.get("train", {}).get("frames") for figures in rows.values())
     splits = ["seen", "unseen", *UNSEEN, *(["train"] if is_trained_on else []), ALL]
     blank = ("",) * (len(splits) - 2)
@@ -104,8 +106,7 @@ def split_table(rows: ReportRows, figure: str, paper: Published, title: str) -> 
     source = f"First rows: {published.SOURCE}. " if paper else ""
     note = (
         f"{source}An object without a grasp counts 0; the rows `if grasped` leave it out, as the "
-        "paper does; unseen is similar and novel together. In brackets: 95 % interval, a "
-        "bootstrap over frames."
+        f"paper does; unseen is similar and novel together. {interval_note(report)}"
     )
     return Table(title, ("method", *splits), tuple(body), note, len(paper))
 
@@ -149,8 +150,8 @@ def _success_note(by_kind: Mapping[str, Mapping[str, Any]]) -> str:
     }
     counted = ", ".join(f"{kind} {trials[kind]}" for kind in SUCCESS_KINDS if kind in trials)
     return (
-        "Rows below: simulation at friction mu of the fingers, with Wilson 95 % intervals; trials "
-        f"of SymGrasp: {counted}"
+        "Rows below: simulation at friction mu of the fingers, with Wilson 95 % intervals, as if "
+        f"all trials were independent; trials of SymGrasp: {counted}"
     )
 
 
@@ -188,7 +189,7 @@ def symmetry_table(report: Mapping[str, Any]) -> Table:
     for threshold, ap in rows.get(OURS, {}).get(ALL, {}).get("symmetry_ap_strict", {}).items():
         cells = (_number(ap[kind]) if kind != "sphere" else "" for kind in SYMMETRY_KINDS)
         body.append((report_row(OURS).title, f"all, error < {threshold}", *cells))
-    note = f"First rows: {published.SOURCE}.{_threshold_note(report)}"
+    note = f"First rows: {published.SOURCE}.{_threshold_note(report)} {interval_note(report)}"
     header = ("method", "split", *SYMMETRY_KINDS)
     return Table("Symmetry, average precision", header, tuple(body), note, len(paper), names=2)
 
@@ -207,17 +208,17 @@ def _threshold_note(report: Mapping[str, Any]) -> str:
     return f"{note}."
 
 
-def graspnet_table(rows: ReportRows) -> Table | None:
+def graspnet_table(report: Mapping[str, Any]) -> Table | None:
     """Return AP by GraspNet's protocol for each method and split; None for reports without AP."""
     body = tuple(
         (report_row(row).title, split, *(_ap(figures, name) for name in AP_FIGURES))
-        for row, split, figures in _cells(rows)
+        for row, split, figures in _cells(report["rows"])
         if figures.get("ap") is not None
     )
     note = (
         "The 50 best grasps of a frame count, at most 10 per object; contacts and collisions are "
         "exact. For graspnetAPI's figures run `symgrasp export`, then `symgrasp evaluate "
-        "--protocol graspnet`."
+        f"--protocol graspnet`. {interval_note(report)}"
     )
     title = "Average precision of grasps by GraspNet's protocol, percent"
     header = ("method", "split", "AP", "AP 0.8", "AP 0.4")

@@ -139,18 +139,19 @@ def differences(
 
 
 def interval(
-    figure: FrameFigure, num_frames: int, resamples: int, level: float, seed: int
+    figure: FrameFigure, group: NDArray[np.int64], resamples: int, level: float, seed: int
 ) -> tuple[float, float]:
-    """Return the ends of the interval of one figure, frames drawn at random; nan if undefined.
+    """Return the ends of the interval of one figure; nan if undefined. Arguments as `differences`.
 
-    An interval of fewer than `FEWEST_UNITS` frames would be too narrow, and is nan; so is one
-    without width: frames that are all alike, as eight true spheres all found, show no spread.
+    An interval of fewer than `FEWEST_UNITS` units would be too narrow, and is nan; so is one
+    without width: units that are all alike, as eight true spheres all found, show no spread.
     """
-    if num_frames < FEWEST_UNITS:
+    units = int(group.max(initial=-1)) + 1
+    if units < FEWEST_UNITS:
         return np.nan, np.nan
-    blocks = draws(num_frames, resamples, np.random.default_rng(seed))
-    drawn = np.concatenate([figure.at(weights) for weights in blocks])
-    low, high = _ends(drawn, level, num_frames)
+    blocks = draws(units, resamples, np.random.default_rng(seed))
+    drawn = np.concatenate([figure.at(weights[:, group]) for weights in blocks])
+    low, high = _ends(drawn, level, units)
     return (low, high) if high - low > LEAST_WIDTH else (np.nan, np.nan)
 
 

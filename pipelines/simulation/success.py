@@ -109,7 +109,10 @@ def _rate_table(success: Mapping[str, Any], frictions: Sequence[str]) -> Table:
         for kind, rates in kinds.items()
         if rates[frictions[0]]["trials"]
     )
-    note = "In brackets: 95 % confidence interval (Wilson); mu is the fingers' friction."
+    note = (
+        "In brackets: 95 % confidence interval (Wilson), as if all trials were independent; mu is "
+        "the fingers' friction."
+    )
     return Table("Success in simulation, percent", header, body, note, names=2)
 
 

@@ -208,7 +208,7 @@ def test_a_missing_benchmark_is_reported_before_anything_is_made(tmp_path, capsy
     assert not (tmp_path / "out").exists()
 
 
-def test_a_difference_over_one_frame_has_no_interval():
+def test_a_difference_over_one_scene_has_no_interval():
     reports = {row.key: [report(0.5)] for row in ABLATIONS}
     alone = comparison(-0.1)
     for split in COLUMNS:
@@ -247,7 +247,7 @@ def test_the_table_holds_the_papers_figures_and_our_mean_and_spread():
     assert "| no fit to the seen surface | - | - |" in text
 
 
-def test_one_seed_has_no_spread_but_the_interval_over_frames():
+def test_one_seed_has_no_spread_but_the_interval_over_scenes():
     reports = {row.key: [report(0.5)] for row in ABLATIONS}
     text = ablation_page(summary(reports, compared(-0.1), [0]))
     assert "| full method | 0.382 | 0.297 | 0.500 |" in text

@@ -1,5 +1,6 @@
 """The leave-one-out driver: its rules, its memory, its restart, and the table."""
 
+import math
 from pkgutil import resolve_name
 
 import numpy as np
@@ -132,11 +133,13 @@ def test_the_table_shows_figures_of_all_rules_then_differences_with_intervals():
         return Figure("grasp_quality", "all", 24, [0.7, 0.7 + value], [difference])
 
     same = Figure("grasp_quality", "all", 24, [0.7, 0.7], [Difference(0.0, 0.0, 0.0, 24)])
-    found = {EVERY_RULE: [figure(0.0)], "off-centre": [figure(-0.01)], "stray": [same]}
+    alone = [Difference(0.02, math.nan, math.nan, 1)]
+    one_scene = Figure("antipodal_score", "all", 24, [0.7, 0.72], alone)
+    found = {EVERY_RULE: [figure(0.0)], "off-centre": [figure(-0.01)], "stray": [same, one_scene]}
     lines = page(RULES, found).splitlines()
     assert any(line.startswith("| all | nothing | 0.700 | - |") for line in lines)
     assert any("| -0.0100 (-0.012 to -0.009) |" in line for line in lines)
-    assert any(line.startswith("| stray |") and "| same |" in line for line in lines)
+    assert any(line.startswith("| stray |") and "| same | +0.0200 |" in line for line in lines)
 
 
 def test_the_departures_together_are_the_preset_of_the_paper():

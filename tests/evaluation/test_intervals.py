@@ -1,26 +1,49 @@
-"""Intervals of a report's figures, by a bootstrap over frames."""
+"""Intervals of a report's figures, by a bootstrap over scenes or frames."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from pipelines.configs import IntervalConfig
 from pipelines.evaluation.intervals import RowIntervals
 from pipelines.evaluation.records import FrameRecord, RowRecord, ScoredPredictions
 from pipelines.evaluation.run_readers import threshold_keys
 from pipelines.metrics.grasp_verdicts import Verdict
 
 
-def frame(number, split, qualities, correct=(1, 0)):
-    """A frame of objects with `qualities`, and predictions of planes that are right or wrong."""
+def frame(number, split, qualities, correct=(1, 0), name=""):
+    """A frame of objects with `qualities`, and predictions of planes that are right or wrong.
+
+    Unless named, it is in no scene of GraspNet's layout.
+    """
     verdicts = [Verdict(k, "held", quality, 1 - quality) for k, quality in enumerate(qualities)]
     confidence = list(np.linspace(0.9, 0.1, len(correct)))
     scored = ScoredPredictions(2, confidence, {"0.25": list(correct)})
     masks = ScoredPredictions(2, [0.9], {"0.5": [1]})
     rows = {"ours": RowRecord(verdicts, {"reflection": scored})}
-    return FrameRecord(f"scenes/{split}_{number:04d}", split, np.nan, masks, rows)
+    return FrameRecord(name or f"{split}/{number:04d}", split, np.nan, masks, rows)
 
 
-def intervals_of(frames):
-    found = RowIntervals(threshold_keys(0.25, 0.05))
+def views(scenes, per_scene, rng):
+    """Frames of `scenes` scenes, whose views show the same objects: their qualities are equal."""
+    objects = {scene: rng.random(4) for scene in range(scenes)}
+    return [
+        frame(
+            view, "seen", objects[scene], name=f"scenes/scene_{100 + scene:04d}/kinect/{view:04d}"
+        )
+        for scene in range(scenes)
+        for view in range(per_scene)
+    ]
+
+
+def width(found):
+    low, high = found["all"]["grasp_quality"]
+    return high - low
+
+
+def intervals_of(frames, unit=IntervalConfig.unit):
+    found = RowIntervals(threshold_keys(0.25, 0.05), unit)
     for each in frames:
         found.add(each)
     rows = {"ours": {split: {} for split in ("seen", "all")}}
@@ -73,3 +96,35 @@ def test_a_figure_that_older_records_lack_has_no_interval():
     found = intervals_of(frames)["all"]
     assert "ap" not in found
     assert "grasp_quality" in found
+
+
+def test_views_of_a_scene_add_nothing_to_what_its_objects_show():
+    frames = views(8, 4, np.random.default_rng(0))
+    by_scene, one_view_each = intervals_of(frames)["all"], intervals_of(frames[::4])["all"]
+    assert by_scene["grasp_quality"] == pytest.approx(one_view_each["grasp_quality"])
+    assert width(intervals_of(frames, "frame")) < 0.7 * width(intervals_of(frames))
+
+
+def test_the_interval_over_scenes_contains_the_mean_as_often_as_stated():
+    rng, held = np.random.default_rng(1), {"scene": 0, "frame": 0}
+    for _ in range(60):
+        frames = views(10, 6, rng)
+        for unit in held:
+            low, high = intervals_of(frames, unit)["all"]["grasp_quality"]
+            held[unit] += low <= 0.5 <= high
+    assert held["scene"] >= 52
+    assert held["frame"] < 45
+
+
+def test_few_scenes_have_no_interval_for_any_number_of_views():
+    frames = views(5, 8, np.random.default_rng(2))
+    assert intervals_of(frames)["all"] == {}
+    assert "grasp_quality" in intervals_of(frames, "frame")["all"]
+
+
+def test_two_cameras_of_a_scene_see_one_unit():
+    frames = views(6, 2, np.random.default_rng(3))
+    moved = [
+        replace(each, name=each.name.replace("kinect/0001", "realsense/0000")) for each in frames
+    ]
+    assert intervals_of(moved) == intervals_of(frames)

@@ -2,6 +2,7 @@
 
 import pytest
 
+from pipelines.evaluation.bootstrap_units import VIEWS_NOTE
 from pipelines.evaluation.figures import report_rows
 from pipelines.evaluation.records import FrameRecord, RowRecord, ScoredPredictions
 from pipelines.evaluation.tables import Table, report_tables
@@ -92,6 +93,16 @@ def test_the_table_of_symmetries_states_the_thresholds_that_were_used(thresholds
     config = {"symmetry_thresholds": thresholds, "sphere_threshold": sphere}
     made = report(record("seen", [0.5]), provenance={"config": config})
     assert note in table_of(report_tables(made), "Symmetry").note
+
+
+@pytest.mark.parametrize("title", ["Table I.", "Table II.", "Symmetry"])
+def test_tables_state_the_unit_of_their_intervals_which_older_reports_lack(title):
+    one = record("seen", [0.5])
+    by_scene = table_of(report_tables(report(one, interval_unit="scene")), title).note
+    assert "bootstrap over scenes" in by_scene
+    older = table_of(report_tables(report(one)), title).note
+    assert "bootstrap over frames" in older
+    assert VIEWS_NOTE in older
 
 
 def test_splits_without_frames_have_no_row():

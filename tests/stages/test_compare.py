@@ -18,6 +18,7 @@ from pipelines.errors import (
     SymgraspError,
     UnknownNameError,
 )
+from pipelines.evaluation.bootstrap_units import VIEWS_NOTE
 from pipelines.evaluation.figures import report_rows
 from pipelines.evaluation.graspnet.dump_verdicts import (
     FrameVerdicts,
@@ -51,7 +52,7 @@ from pipelines.simulation.success import write_success
 from pipelines.storage.provenance import make_stamp
 from symgrasp_cli.app import app
 
-CONFIG = CompareConfig(resamples=200)
+CONFIG = CompareConfig(unit="frame", resamples=200)  # runs of two scenes
 SCENES = {"scene_0100_kinect": "seen", "scene_0160_kinect": "novel"}
 
 
@@ -139,7 +140,7 @@ def test_frames_of_only_one_run_are_left_out_and_reported(tmp_path):
     assert found.notes[1].startswith("4 of the 10 frames of a ")
 
 
-def test_whole_scenes_are_drawn_if_requested(tmp_path):
+def test_whole_scenes_are_drawn_unless_frames_are_requested(tmp_path):
     paths = [write_run(tmp_path / "a"), write_run(tmp_path / "b", seed=1)]
     frames, scenes = (
         figure(compare.run(paths, replace(CONFIG, unit=unit)), "symmetry_ap rotation")
@@ -147,6 +148,12 @@ def test_whole_scenes_are_drawn_if_requested(tmp_path):
     )
     assert frames.differences[0].value == scenes.differences[0].value
     assert frames.differences != scenes.differences
+    by_default = compare.run(paths, CompareConfig(resamples=200))
+    assert figure(by_default, "symmetry_ap rotation") == scenes
+    assert (scenes.differences[0].units, frames.differences[0].units) == (2, 10)
+    assert "over scenes" in compare.tables(by_default)[-1].note
+    assert VIEWS_NOTE not in compare.tables(by_default)[-1].note
+    assert VIEWS_NOTE in compare.tables(compare.run(paths, CONFIG))[-1].note
     with pytest.raises(UnknownNameError, match="unit"):
         compare.run(paths, replace(CONFIG, unit="object"))
 

@@ -19,6 +19,7 @@ from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.meshes import read_mesh, write_mesh
 from pipelines.errors import FormatError, StaleOutputError, ValueRangeError
 from pipelines.evaluation import other_runs, reports
+from pipelines.evaluation.bootstrap_units import VIEWS_NOTE
 from pipelines.evaluation.records import read_frame_records, records_folder
 from pipelines.evaluation.rows import BASELINE_ROWS
 from pipelines.grasp_files import grasps_file
@@ -326,6 +327,26 @@ evaluate.write_frame_records = write_then_die
 paths = [Path(argument) for argument in sys.argv[1:]]
 evaluate.run(*paths, EvaluateConfig(min_visible_pixels=100), BatchOptions(progress=False))
 """
+
+
+def test_the_unit_of_the_intervals_is_stated_and_changes_without_judging_again(
+    root, truth_file, output
+):
+    pages = []
+    for options, unit in (([], "scene"), (["--unit", "frame"], "frame")):
+        arguments = [str(truth_file), "--dataset", str(root.root), "--out", str(output), *options]
+        shown = CliRunner().invoke(
+            app, ["evaluate", *arguments, "--min-visible-pixels", "100"], env={"COLUMNS": "10000"}
+        )
+        assert shown.exit_code == 0
+        assert "0 done, 2 skipped" in shown.output
+        assert reports.read_report(output)["interval_unit"] == unit
+        pages.append(output.with_suffix(".html").read_text())
+        for text in (pages[-1], shown.output):
+            assert f"bootstrap over {unit}s; none over fewer than 6 {unit}s" in text
+            assert (VIEWS_NOTE in text) == (unit == "frame")
+    notes = [table.note for table in evaluate.tables(output) if "In brackets" in table.note]
+    assert len(notes) == 6  # quality, its sweep, two antipodal scores, AP of grasps and symmetries
 
 
 def test_a_killed_run_goes_on_where_it_was_and_gives_the_same_bytes(

@@ -115,7 +115,7 @@ def evaluate_frame(
     truth = reader.read(files)
     rows = rows_of(predictions, files, truth, reader.config, baselines, seed)
     gripper = load_gripper(reader.config.gripper)
-    return score_frame(predictions[OURS], rows, truth, gripper, reader.config)
+    return score_frame(predictions, rows, truth, gripper, reader.config)
 
 
 def _evaluate_scene(

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from pipelines.array_types import Array, Mask
 from pipelines.evaluation.records import number_key
 from pipelines.evaluation.rows import ordered_rows
-from pipelines.evaluation.tallies import ALL, PredictionTally, ReportTally, RowTally
+from pipelines.evaluation.tallies import ALL, ReportTally, RowTally
 from pipelines.geometry.symmetry import SYMMETRY_KINDS
 from pipelines.metrics.average_precision import average_precision, interpolated_precision
 from pipelines.metrics.coco_masks import IOU_THRESHOLDS, coco_average_precision
@@ -40,18 +40,14 @@ def report_rows(
     """
     return {
         row: {
-            split: split_figures(
-                tally.rows[row][split], tally.masks[split], thresholds, sphere_threshold
-            )
+            split: split_figures(tally.rows[row][split], thresholds, sphere_threshold)
             for split in _splits(tally)
         }
         for row in ordered_rows(tally.rows)
     }
 
 
-def split_figures(
-    row: RowTally, masks: PredictionTally, thresholds: Sequence[float], sphere_threshold: float
-) -> Figures:
+def split_figures(row: RowTally, thresholds: Sequence[float], sphere_threshold: float) -> Figures:
     """Return FIGURES of one row in one split; a figure without any truth is None."""
     reported, *stricter = thresholds
     return {
@@ -62,7 +58,7 @@ def split_figures(
             number_key(threshold): _symmetry_ap(row, threshold, sphere_threshold)
             for threshold in stricter
         },
-        **_mask_ap(masks),
+        **_mask_ap(row),
         **_graspnet_ap(row),
         "frames": row.frames,
         "objects": len(row.predicted),
@@ -94,7 +90,8 @@ def report_curves(
 
 
 def _splits(tally: ReportTally) -> list[str]:
-    return [*(["train"] if "train" in tally.masks else []), *TEST_SPLITS, ALL]
+    has_train = any("train" in splits for splits in tally.rows.values())
+    return [*(["train"] if has_train else []), *TEST_SPLITS, ALL]
 
 
 def _means(row: RowTally, counted: Mask, suffix: str) -> dict[str, float | None]:
@@ -161,8 +158,15 @@ def _graspnet_ap(row: RowTally) -> dict[str, float | None]:
     return {**ap_figures(row.accuracy / row.with_accuracy)}
 
 
-def _mask_ap(masks: PredictionTally) -> dict[str, float | None]:
-    """Return COCO's AP at IoU 0.5, at IoU 0.75, and its mean over 0.5 to 0.95."""
+def _mask_ap(row: RowTally) -> dict[str, float | None]:
+    """Return COCO's AP at IoU 0.5, at IoU 0.75, and its mean over 0.5 to 0.95.
+
+    None unless the regions of all frames are known: a method may have none, and older records lack
+    those of other files.
+    """
+    masks = row.masks
+    if row.with_masks < row.frames:
+        return dict.fromkeys(("mask_ap50", "mask_ap75", "mask_ap"))
     pooled = [masks.pooled(number_key(threshold)) for threshold in IOU_THRESHOLDS]
     confidence = pooled[0][0]
     # Records of frames without predictions may lack the thresholds.

@@ -1,6 +1,6 @@
 """Scores of one frame: predictions compared with the ground truth."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +9,7 @@ from pipelines.array_types import Mask
 from pipelines.configs import EvaluateConfig
 from pipelines.evaluation.predictions import FramePredictions, RowPredictions, ScoredGrasps
 from pipelines.evaluation.records import FrameRecord, RowRecord, ScoredPredictions, number_key
+from pipelines.evaluation.rows import OURS
 from pipelines.evaluation.truth import FrameTruth
 from pipelines.geometry.symmetry import SYMMETRY_KINDS, SymmetrySlots
 from pipelines.geometry.transforms import nearest_orthogonal
@@ -81,20 +82,26 @@ def best_region(object_id: int, row: RowPredictions, owners: RegionOwners) -> in
 
 
 def score_frame(
-    predictions: FramePredictions,
+    predictions: Mapping[str, FramePredictions],
     rows: dict[str, RegionRow],
     truth: FrameTruth,
     gripper: Gripper,
     config: EvaluateConfig,
 ) -> FrameRecord:
-    """Return the record of one frame: scores of the masks of `predictions` and of all `rows`."""
-    return FrameRecord(
-        predictions.name,
-        truth.split,
-        predictions.seconds,
-        _scored_masks(predictions, truth),
-        {name: _scored_row(row, truth, gripper, config) for name, row in rows.items()},
-    )
+    """Return the record of one frame: scores of all `rows`, and of the masks of `predictions`.
+
+    `predictions`: by row, including ours; each file has its own regions.
+    """
+    ours = predictions[OURS]
+    own = {
+        name: _scored_masks(each, truth)
+        for name, each in predictions.items()
+        if name != OURS and each.anywhere is None
+    }
+    scored = {
+        name: _scored_row(row, own.get(name), truth, gripper, config) for name, row in rows.items()
+    }
+    return FrameRecord(ours.name, truth.split, ours.seconds, _scored_masks(ours, truth), scored)
 
 
 def _scored_masks(predictions: FramePredictions, truth: FrameTruth) -> ScoredPredictions:
@@ -108,7 +115,11 @@ def _scored_masks(predictions: FramePredictions, truth: FrameTruth) -> ScoredPre
 
 
 def _scored_row(
-    row: RegionRow, truth: FrameTruth, gripper: Gripper, config: EvaluateConfig
+    row: RegionRow,
+    masks: ScoredPredictions | None,
+    truth: FrameTruth,
+    gripper: Gripper,
+    config: EvaluateConfig,
 ) -> RowRecord:
     found, owners = row.predictions, row.owners
     verdicts = [
@@ -117,7 +128,7 @@ def _scored_row(
     slots: dict[str, ScoredPredictions] = {}
     if found.symmetries is not None:
         slots = _scored_slots(found.symmetries, owners, truth, config)
-    return RowRecord(verdicts, slots, _accuracy(found.every, truth, gripper))
+    return RowRecord(verdicts, slots, _accuracy(found.every, truth, gripper), masks)
 
 
 def _accuracy(found: ScoredGrasps | None, truth: FrameTruth, gripper: Gripper) -> list[float]:

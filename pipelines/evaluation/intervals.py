@@ -27,8 +27,8 @@ class RowIntervals:
 
     def add(self, record: FrameRecord) -> None:
         """Add one frame."""
-        for name, row in record.rows.items():
-            add_record(self.runs.setdefault(name, EvaluatedRun(name, {})), record, row, self.keys)
+        for name in record.rows:
+            add_record(self.runs.setdefault(name, EvaluatedRun(name, {})), record, name, self.keys)
 
     def add_to(self, rows: Mapping[str, Mapping[str, Figures]]) -> None:
         """Add `intervals` to the figures of each row and split: low and high end by metric."""

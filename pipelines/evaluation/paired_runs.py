@@ -82,8 +82,9 @@ class EvaluatedRun:
     @property
     def metrics(self) -> set[str]:
         """Metrics by which this run can be compared: those that all frames have."""
-        whole = {name for name, sums in self.sums.items() if len(sums) == len(self.counts)}
-        return {*whole, *self.predictions}
+        found = {name: len(sums) for name, sums in self.sums.items()}
+        found |= {name: len(each.num_truth) for name, each in self.predictions.items()}
+        return {name for name, frames in found.items() if frames == len(self.counts)}
 
     def add(
         self, name: str, split: str, truth: Truth, count: int, sums: Mapping[str, float]

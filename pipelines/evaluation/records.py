@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.contents import reading, typed
+from pipelines.evaluation.rows import BASELINE_ROWS, OURS
 from pipelines.metrics.grasp_verdicts import Verdict
 from pipelines.storage.files import finite_json, read_json, write_json
 from pipelines.storage.provenance import Stamp
@@ -35,12 +36,14 @@ class RowRecord:
     """The results of one method on one frame.
 
     `symmetries`: by kind; empty for a method that predicts none. `accuracy`: by GraspNet's
-    protocol, the mean over ranks at each of `AP_FRICTIONS`; empty in older records.
+    protocol, the mean over ranks at each of `AP_FRICTIONS`; empty in older records. `masks`: the
+    regions of a `--with` file; None for other rows, methods without regions, and older records.
     """
 
     verdicts: list[Verdict]  # one for every visible object
     symmetries: dict[str, ScoredPredictions] = field(default_factory=dict)
     accuracy: list[float] = field(default_factory=list)
+    masks: ScoredPredictions | None = None
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,10 @@ class FrameRecord:
     seconds: float
     masks: ScoredPredictions
     rows: dict[str, RowRecord]
+
+    def masks_of(self, row: str) -> ScoredPredictions | None:
+        """Return the regions that `row` grasps: ours, those of its own file, or None."""
+        return self.masks if row in (OURS, *BASELINE_ROWS) else self.rows[row].masks
 
 
 def records_folder(report: Path) -> Path:

@@ -15,7 +15,6 @@ from pipelines.evaluation.graspnet.dump_verdicts import read_dump_verdicts, scen
 from pipelines.evaluation.paired_runs import MASKS, EvaluatedRun, RunPredictions
 from pipelines.evaluation.records import (
     FrameRecord,
-    RowRecord,
     number_key,
     read_frame_records,
     records_folder,
@@ -129,13 +128,12 @@ def _read_records(
         with reading(scene, "a record", "run evaluate again"):
             for record in read_frame_records(scene):
                 if row in record.rows:
-                    add_record(run, record, record.rows[row], keys)
+                    add_record(run, record, row, keys)
 
 
-def add_record(
-    run: EvaluatedRun, record: FrameRecord, row: RowRecord, keys: Mapping[str, str]
-) -> None:
-    """Add one row of a frame's record to `run`; `keys` are the result of `threshold_keys`."""
+def add_record(run: EvaluatedRun, record: FrameRecord, name: str, keys: Mapping[str, str]) -> None:
+    """Add the row `name` of a frame's record to `run`; `keys`: the result of `threshold_keys`."""
+    row, masks = record.rows[name], record.masks_of(name)
     symmetries = [row.symmetries.get(kind) for kind in SYMMETRY_KINDS]
     truth = (
         tuple(sorted(verdict.object_id for verdict in row.verdicts)),
@@ -152,7 +150,9 @@ def add_record(
     if row.accuracy:
         sums |= ap_figures(row.accuracy)
     place = run.add(record.name, record.split, truth, len(row.verdicts), sums)
-    for metric, scored in zip(PRECISIONS, (*symmetries, record.masks), strict=True):
+    for metric, scored in zip(PRECISIONS, (*symmetries, masks), strict=True):
+        if metric == MASKS and masks is None:
+            continue  # no regions of its own, or an older record
         run.predictions.setdefault(metric, RunPredictions()).add(place, scored, keys[metric])
 
 

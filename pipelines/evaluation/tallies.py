@@ -52,7 +52,8 @@ class RowTally:
 
     `held_friction`: smallest friction that holds; inf where the grasp fails for any reason.
     `predicted`: 1 where there was a grasp to evaluate. `symmetries`: by kind. `accuracy`: (6,) sums
-    over `with_accuracy` frames at each of `AP_FRICTIONS`, by GraspNet's protocol.
+    over `with_accuracy` frames at each of `AP_FRICTIONS`, by GraspNet's protocol. `masks`: of the
+    regions that are grasped, in `with_masks` frames.
     """
 
     frames: int = 0
@@ -67,9 +68,11 @@ class RowTally:
     )
     accuracy: Array = field(default_factory=lambda: np.zeros(len(AP_FRICTIONS)))
     with_accuracy: int = 0
+    masks: PredictionTally = field(default_factory=PredictionTally)
+    with_masks: int = 0
 
-    def add(self, row: RowRecord) -> None:
-        """Add the record of one frame."""
+    def add(self, row: RowRecord, masks: ScoredPredictions | None) -> None:
+        """Add the record of one frame, and the `masks` that the row grasps, if it has any."""
         self.frames += 1
         for verdict in row.verdicts:
             held = verdict.reason == "held"
@@ -84,20 +87,19 @@ class RowTally:
         if row.accuracy:
             self.accuracy += row.accuracy
             self.with_accuracy += 1
+        if masks is not None:
+            self.masks.add(masks)
+            self.with_masks += 1
 
 
 @dataclass
 class ReportTally:
     """All methods on many frames, by split; the split `all` holds every frame.
 
-    `seconds`: run times of `infer`, of frames with a known time. `masks`: by split, the same for
-    all methods. `rows`: by method and split.
+    `seconds`: run times of `infer`, of frames with a known time. `rows`: by method and split.
     """
 
     seconds: "array[float]" = field(default_factory=_floats)
-    masks: defaultdict[str, PredictionTally] = field(
-        default_factory=lambda: defaultdict(PredictionTally)
-    )
     rows: dict[str, defaultdict[str, RowTally]] = field(default_factory=dict)
 
     @property
@@ -117,7 +119,7 @@ class ReportTally:
         """Add one frame's record."""
         if np.isfinite(record.seconds):
             self.seconds.append(record.seconds)
-        for split in (record.split, ALL):
-            self.masks[split].add(record.masks)
-            for name, row in record.rows.items():
-                self.rows.setdefault(name, defaultdict(RowTally))[split].add(row)
+        for name, row in record.rows.items():
+            for split in (record.split, ALL):
+                tally = self.rows.setdefault(name, defaultdict(RowTally))[split]
+                tally.add(row, record.masks_of(name))

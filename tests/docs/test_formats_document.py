@@ -31,7 +31,7 @@ from pipelines.dataset.training.packed_regions import PackedScene
 from pipelines.evaluation.figures import split_figures
 from pipelines.evaluation.graspnet.dump_verdicts import FrameVerdicts, write_dump_verdicts
 from pipelines.evaluation.reports import write_report
-from pipelines.evaluation.tallies import PredictionTally, RowTally
+from pipelines.evaluation.tallies import RowTally
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.region_masks import RegionInstance
@@ -210,7 +210,7 @@ def test_the_keys_of_reports_are_documented(tmp_path: Path) -> None:
 
 def test_the_figures_of_a_split_and_the_reasons_are_documented() -> None:
     section = text().split("\n## report.json\n")[1].split("\n## ")[0]
-    figures = split_figures(RowTally(), PredictionTally(), (0.25, 0.134), 0.05)
+    figures = split_figures(RowTally(), (0.25, 0.134), 0.05)
     assert set(figures) <= set(re.findall(r"[`\"](\w+(?:\.\d)?)[`\"]", section))
     assert set(REASONS) <= set(re.findall(r"`([\w ]+)`", section))
 

@@ -1,6 +1,7 @@
 """Figures from frame records whose means and precisions are known."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -85,6 +86,25 @@ def test_the_precision_of_masks_is_that_of_the_named_overlap():
     assert found["mask_ap50"] == pytest.approx(1.0)
     assert found["mask_ap75"] == pytest.approx(half / 2)
     assert found["mask_ap"] == pytest.approx((1.0 + 4 * half + half / 2) / 10)
+
+
+def test_the_average_precision_of_masks_is_that_of_the_regions_a_row_grasps():
+    ours, theirs = (ScoredPredictions(1, [0.9], {"0.5": [right]}) for right in (1, 0))
+    rows = {
+        "ours": RowRecord([]),
+        "planar": RowRecord([]),
+        "second": RowRecord([], masks=theirs),
+        "gg-cnn": RowRecord([]),
+    }
+    one = FrameRecord("f", "seen", 0.1, ours, rows)
+    found = report_rows(ReportTally.of([one, one]), THRESHOLDS, SPHERE)
+    precision = {row: splits["all"]["mask_ap50"] for row, splits in found.items()}
+    assert precision == {"ours": 1.0, "planar": 1.0, "second": 0.0, "gg-cnn": None}
+    # An earlier version wrote the first frame, without the regions of other files.
+    older = replace(one, rows={**rows, "second": RowRecord([])})
+    found = report_rows(ReportTally.of([older, one]), THRESHOLDS, SPHERE)
+    assert found["second"]["all"]["mask_ap50"] is None
+    assert found["ours"]["all"]["mask_ap50"] == 1.0
 
 
 def test_the_share_held_rises_with_friction_and_failures_are_never_held():

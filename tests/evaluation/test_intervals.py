@@ -116,6 +116,28 @@ def test_the_interval_over_scenes_contains_the_mean_as_often_as_stated():
     assert held["frame"] < 45
 
 
+def test_masks_of_another_row_have_an_interval_if_all_its_regions_are_known():
+    def frames(known):
+        for k in range(8):
+            one = frame(k, "seen", [0.5])
+            right, wrong = (ScoredPredictions(2, [0.9], {"0.5": [r]}) for r in (1, 0))
+            own = (right if k % 2 else wrong) if k < known else None
+            yield replace(one, rows={**one.rows, "second": RowRecord([], masks=own)})
+
+    def found(known):
+        intervals = RowIntervals(threshold_keys(0.25, 0.05), "scene")
+        for each in frames(known):
+            intervals.add(each)
+        rows = {"second": {"all": {}}}
+        intervals.add_to(rows)
+        return rows["second"]["all"]["intervals"]
+
+    low, high = found(8)["mask_ap50"]
+    assert low < 0.25 < high  # ours are all found and have no interval
+    assert "mask_ap50" not in found(7)
+    assert "mask_ap50" not in found(0)
+
+
 def test_few_scenes_have_no_interval_for_any_number_of_views():
     frames = views(5, 8, np.random.default_rng(2))
     assert intervals_of(frames)["all"] == {}

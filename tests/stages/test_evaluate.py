@@ -189,6 +189,7 @@ def test_a_split_without_frames_has_no_figures(truth_report):
 def test_the_oracle_holds_objects_and_random_grasps_are_no_better(truth_report):
     oracle = figures(truth_report, "oracle")
     assert oracle["grasp_quality"] > 0.5
+    assert oracle["mask_ap50"] == 1.0  # of our regions, which the baselines grasp
     assert oracle["symmetry_ap"] == {"reflection": 1.0, "rotation": 1.0, "sphere": 1.0}
     assert figures(truth_report, "random")["grasp_quality"] <= oracle["grasp_quality"]
     assert figures(truth_report, "planar")["symmetry_ap"]["reflection"] is None
@@ -508,6 +509,11 @@ def test_other_grasps_of_the_same_frames_get_a_row_judged_on_their_own_regions(
     assert ours["reasons"] == {"held": 12}
     assert theirs["reasons"] == {"no region": 4, "held": 8}
     assert theirs["objects"] == ours["objects"]
+    run(other, root, tmp_path / "alone.json")
+    names, alone = ("mask_ap50", "mask_ap75", "mask_ap"), figures(tmp_path / "alone.json")
+    assert [theirs[name] for name in names] == [alone[name] for name in names]
+    assert theirs["mask_ap50"] == pytest.approx(2 / 3, abs=0.01)
+    assert [ours[name] for name in names] == [1.0, 1.0, 1.0]
     titles = {row[0] for row in evaluate.tables(tmp_path / "report.json")[0].rows}
     assert {"SymGrasp", "second"} <= titles
 
@@ -521,6 +527,7 @@ def test_grasps_of_a_compared_method_belong_to_their_nearest_objects(root, truth
     write_grasps(other, results, "gg-cnn")
     assert run(truth_file, root, tmp_path / "report.json", others=[other]).exit_code == 0
     assert figures(tmp_path / "report.json", "gg-cnn")["reasons"] == {"no grasp": 4, "held": 8}
+    assert figures(tmp_path / "report.json", "gg-cnn")["mask_ap50"] is None  # it knows no regions
     titles = {row[0] for row in evaluate.tables(tmp_path / "report.json")[0].rows}
     assert "GG-CNN, trained here" in titles
     page = (tmp_path / "report.html").read_text(encoding="utf-8")

@@ -74,9 +74,9 @@ build/%/dataset.made: | install
 	$(SYMGRASP) refine-grasps build/$*/root --workers 2
 	touch $@
 
-# An interrupted run resumes from its finished frames or scenes; outputs of older inputs or older code are made again.
-# Parts of `infer` do not tell their code, so they are removed after a change of it; parts of the later steps tell
-# grasps.h5, which is another file after each `infer`, by the seconds of --timings.
+# The data set is made once; grasps and figures of older inputs or older code are made again. An interrupted run resumes
+# from its frames or scenes. Parts of `infer` do not tell their code, so a change of the code removes them; later parts
+# tell grasps.h5, which is another file after each `infer`, by the seconds of --timings.
 build/%/code.made: $(CODE)
 	mkdir -p $(@D)
 	rm -rf build/$*/grasps.h5.parts

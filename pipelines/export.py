@@ -23,7 +23,6 @@ from functools import partial
 from pathlib import Path
 
 from pipelines.configs import ExportConfig, check_settings
-from pipelines.contents import mapping_in
 from pipelines.errors import SymgraspError
 from pipelines.frames.hand_eye import POSE_SUFFIXES
 from pipelines.grasp_files.exports import (
@@ -51,7 +50,12 @@ from pipelines.grasp_files.exports.grasp_exports import (
     frame_path,
 )
 from pipelines.grasp_files.grasps_stream import GraspsIndex, read_index, read_results
-from pipelines.grasp_files.gripper_files import gripper_digest, gripper_to_use, load_gripper
+from pipelines.grasp_files.gripper_files import (
+    gripper_digest,
+    gripper_to_use,
+    is_found_for,
+    load_gripper,
+)
 from pipelines.runtime.batch import StageReport
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import atomic_folder
@@ -150,8 +154,7 @@ def _gripper(index: GraspsIndex, name_or_path: str, config: ExportConfig) -> Exp
         behind = model.graspnet_depth - model.tip_reach
     elif config.to == "contact-graspnet" and not config.gripper:  # it has its own gripper
         behind = contact_graspnet_predictions.BASE_TO_CONTACTS
-    checked = mapping_in(index.stamp, "inputs").get("gripper")  # old files lack it
-    alike = gripper_digest(name_or_path) == checked if checked else name_or_path == index.gripper
+    alike = is_found_for(name_or_path, index.gripper, index.stamp)
     behind, origin = pose_origin(config.tcp, model, behind)
     return ExportGripper(model, behind, index.gripper, alike, origin)
 

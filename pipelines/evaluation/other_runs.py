@@ -19,7 +19,7 @@ from pipelines.grasp_files.grasps_stream import (
     read_dataset_frames,
     read_index,
 )
-from pipelines.grasp_files.gripper_files import gripper_digest, gripper_to_use
+from pipelines.grasp_files.gripper_files import gripper_digest, gripper_to_use, is_found_for
 from pipelines.runtime.batch import BatchOptions, WorkItem, drop_stale
 from pipelines.storage.provenance import Stamp, digest
 
@@ -55,8 +55,32 @@ class ComparedRuns:
         return cls(root, index, paths, _scenes(paths, root))
 
     def gripper(self, wanted: str) -> str:
-        """Return the gripper of the trials: `wanted`, else the gripper of our grasps."""
-        return gripper_to_use(wanted, self.index.gripper, self.index.stamp)
+        """Return the gripper of the trials: `wanted`, else the gripper of our grasps.
+
+        Raises:
+            FormatError: no gripper is wanted, and a file has grasps for another one than ours.
+        """
+        used = gripper_to_use(wanted, self.index.gripper, self.index.stamp)
+        for path, theirs in self._for_other_grippers(used).items() if not wanted else ():
+            expected = "run this command on it alone and use `compare`, or name a --gripper for all"
+            raise FormatError(path, f"has grasps for {theirs}, ours are for {used}", expected)
+        return used
+
+    def gripper_notes(self, gripper: str) -> dict[str, str]:
+        """Return a sentence for each file with grasps for another gripper, by its path."""
+        return {
+            str(path): f"the grasps were found for {theirs} and are evaluated with {gripper}"
+            for path, theirs in self._for_other_grippers(gripper).items()
+        }
+
+    def _for_other_grippers(self, gripper: str) -> dict[Path, str]:
+        """Return the gripper of each file whose grasps were not found for `gripper`."""
+        found = {path: read_index(path) for path in self.paths.values()}
+        return {
+            path: index.gripper if index.gripper != gripper else f"another {gripper}"
+            for path, index in found.items()
+            if not is_found_for(gripper, index.gripper, index.stamp)
+        }
 
     def inputs(self, gripper: str, *, baselines: bool) -> dict[str, str]:
         """Return the digests of the grasps, the gripper and the truth."""

@@ -49,6 +49,16 @@ def gripper_to_use(wanted: str, used: str, stamp: Mapping[str, Any]) -> str:
     raise SymgraspError(f"gripper {used}, which the grasps were found for, {why}; name a --gripper")
 
 
+def is_found_for(gripper: str, used: str, stamp: Mapping[str, Any]) -> bool:
+    """Return whether grasps were found for the measures of `gripper`.
+
+    `used`: gripper that they were found for. `stamp`: of the run that found them; an old one has no
+    measures, and the names count.
+    """
+    found = mapping_in(stamp, "inputs").get("gripper")
+    return gripper == used if found is None else bool(found == gripper_digest(gripper))
+
+
 def load_gripper(name_or_path: str) -> Gripper:
     """Return the gripper of a preset's name or of a TOML file.
 

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from pipelines import evaluate, evaluate_dump, export
-from pipelines.configs import EvaluateConfig, EvaluateDumpConfig, ExportConfig
+from pipelines import evaluate, evaluate_dump, export, simulate
+from pipelines.configs import EvaluateConfig, EvaluateDumpConfig, ExportConfig, SimulateConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.meshes import read_mesh, write_mesh
 from pipelines.errors import FormatError, StaleOutputError, ValueRangeError
@@ -25,7 +25,7 @@ from pipelines.evaluation.rows import BASELINE_ROWS
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_stream import read_dataset_frames, read_index, read_results
 from pipelines.grasp_files.grasps_tables import FrameResult
-from pipelines.grasp_files.gripper_files import GRIPPERS
+from pipelines.grasp_files.gripper_files import GRIPPERS, gripper_digest
 from pipelines.runtime.batch import BatchOptions, StageReport
 from pipelines.storage.files import read_json, write_json
 from pipelines.storage.provenance import digest, make_stamp
@@ -563,6 +563,50 @@ def test_a_frame_without_grasps_of_a_compared_method_counts_as_without_grasp_not
     found = figures(tmp_path / "report.json", "gg-cnn")
     assert found["reasons"] == {"no grasp": 12}
     assert not any(found["symmetry_ap"].values())
+
+
+def grasps_for(path: Path, root: GraspNetRoot, gripper: str, measures: str | None = None) -> Path:
+    """Write grasps for `gripper`; `measures`: its digest, which old files lack."""
+    inputs = {} if measures is None else {"gripper": measures}
+    stamp = make_stamp("infer", {"gripper": gripper}, inputs=inputs)
+    grasps_file.write(path, [true_result(root, name) for name in frame_names()], stamp)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("gripper", "measures", "theirs"),
+    [
+        ("franka", None, "franka"),
+        ("franka", gripper_digest("franka"), "franka"),
+        ("rg2", "sha256:0", "another rg2"),
+    ],
+)
+def test_other_grasps_for_another_gripper_are_refused_unless_a_gripper_is_named(
+    root, truth_file, tmp_path, gripper, measures, theirs
+):
+    other = grasps_for(tmp_path / "second.h5", root, gripper, measures)
+    output, config = tmp_path / "report.json", EvaluateConfig(min_visible_pixels=100)
+    sentence = (
+        f"has grasps for {theirs}, ours are for rg2; run this command on it alone and use `comp"
+    )
+    with pytest.raises(FormatError, match=sentence):
+        run(truth_file, root, output, others=[other])
+    with pytest.raises(FormatError, match=sentence):
+        simulate.run(truth_file, root.root, output, SimulateConfig(), QUIET, others=[other])
+    assert not output.exists()
+    named = replace(config, gripper="rg2")
+    found = evaluate.run(truth_file, root.root, output, named, QUIET, others=[other]).notes
+    assert found == {str(other): f"the grasps were found for {theirs} and are evaluated with rg2"}
+
+
+def test_a_gripper_of_another_name_with_the_same_measures_is_no_other_gripper(
+    root, truth_file, tmp_path
+):
+    hand = tmp_path / "hand.toml"
+    hand.write_text((GRIPPERS / "rg2.toml").read_text().replace('"rg2"', '"hand"'))
+    other = grasps_for(tmp_path / "second.h5", root, str(hand), gripper_digest(str(hand)))
+    report = run(truth_file, root, tmp_path / "report.json", others=[other])
+    assert (report.exit_code, report.notes) == (0, {})
 
 
 def test_other_grasps_of_other_frames_or_with_a_taken_name_are_refused(root, truth_file, tmp_path):

@@ -32,6 +32,7 @@ from pipelines.mesh_symmetry.detection.symmetry_detection import (
     detect_symmetries,
 )
 from pipelines.mesh_symmetry.doubt import Gauge
+from pipelines.mesh_symmetry.parts.part_symmetries import is_same
 from pipelines.mesh_symmetry.parts.symmetric_parts import (
     WHOLE_REGION,
     has_slot,
@@ -89,8 +90,7 @@ def annotate(
     if regions_path is not None:
         regions = _given_regions(mesh, regions_path, config, rng)
     else:
-        decided = replace(detection, symmetries=list(labels.symmetries))
-        regions = _found_regions(mesh, cleaned, kept, decided, config, rng)
+        regions = _found_regions(mesh, cleaned, kept, _decided(detection, labels), config, rng)
     return replace(labels, regions=regions), notes
 
 
@@ -113,8 +113,8 @@ def correct(
     labels, notes = _edited(labels, edits, Gauge.of(cleaned, config, rng.spawn(1)[0]))
     if regions_path is not None:
         return labels, notes
-    detection = replace(analyse(cleaned, config, rng), symmetries=list(labels.symmetries))
-    regions = _found_regions(mesh, cleaned, kept, detection, config, rng)
+    decided = _decided(analyse(cleaned, config, rng), labels)
+    regions = _found_regions(mesh, cleaned, kept, decided, config, rng)
     return replace(labels, regions=regions), notes
 
 
@@ -135,6 +135,14 @@ def _edited(
         found_sources=labels.all_sources,
     )
     return edited, measured.notes
+
+
+def _decided(detection: MeshSymmetries, labels: ObjectSymmetries) -> MeshSymmetries:
+    """Return `detection` with the symmetries of `labels`, those of BOP or a person included."""
+    left = labels.symmetries
+    found = (*detection.symmetries, *(labels.found or ()))
+    dropped = tuple(each for each in found if not any(is_same(each, other) for other in left))
+    return replace(detection, symmetries=list(left), dropped=dropped)
 
 
 def _with_given(

@@ -54,6 +54,7 @@ class MeshSymmetries:
 
     symmetries: list[Symmetry]
     partial: list[Symmetry]
+    dropped: tuple[Symmetry, ...] = ()  # found, but replaced or dropped since
 
 
 def detect_symmetries(

@@ -41,22 +41,30 @@ class PartSymmetries:
     def body(self, body: Body) -> list[Symmetry]:
         """Return the symmetries of a body of revolution: at least its axis, or a sphere.
 
-        The list is empty for a whole object without a continuous axis, as an almost round column.
+        The list is empty for a whole object without a continuous axis, as an almost round column,
+        and for nearly the whole of an object whose axis was dropped.
         """
         axis = RotationSymmetry(body.axis.direction, body.axis.point)
         mesh = self.parts.submesh(body.members)
         is_cut = self.parts.touching(body.members, ~body.members) > 0.0
-        return analyse_body(mesh, axis, self._coarser, self.rng, is_cut=is_cut)
+        found = analyse_body(mesh, axis, self._coarser, self.rng, is_cut=is_cut)
+        kept = self._without_dropped(found, body.members)
+        return kept if any(is_round(symmetry) for symmetry in kept) else []
 
     def part(self, members: Mask) -> list[Symmetry]:
-        """Return the symmetries of the part `members` (m,), its own and shared planes."""
+        """Return the symmetries of the part `members` (m,), its own and shared planes.
+
+        The whole object has the symmetries of the detection, or those that a person left.
+        """
+        if members.all():
+            return list(self.detection.symmetries)
         found = analyse(self.parts.submesh(members), self._coarser, self.rng).symmetries
         if any(is_round(symmetry) for symmetry in found):
-            return found
+            return self._without_dropped(found, members)
         planes = [symmetry for symmetry in found if isinstance(symmetry, ReflectionSymmetry)]
         others = [symmetry for symmetry in found if not isinstance(symmetry, ReflectionSymmetry)]
         planes = self._with_shared(planes, members)
-        return [*planes, *others]
+        return self._without_dropped([*planes, *others], members)
 
     def still_held(self, symmetries: list[Symmetry], members: Mask) -> list[Symmetry] | None:
         """Return `symmetries` with the errors of their planes on the samples `members` (m,).
@@ -82,6 +90,13 @@ class PartSymmetries:
             if clusters and clusters[0].sum() >= enough:
                 return clusters[0]
         return None
+
+    def _without_dropped(self, symmetries: list[Symmetry], members: Mask) -> list[Symmetry]:
+        """Return `symmetries`, without dropped ones if hardly anything is left beside `members`."""
+        if members.mean() <= 1.0 - self.config.min_part_share:
+            return symmetries
+        dropped = self.detection.dropped
+        return [found for found in symmetries if not any(is_same(found, each) for each in dropped)]
 
     def _planes(self) -> list[ReflectionSymmetry]:
         known = [*self.detection.symmetries, *self.detection.partial[:NUM_PARTIAL]]
@@ -131,6 +146,14 @@ class PartSymmetries:
 
 def _is_among(plane: ReflectionSymmetry, others: list[ReflectionSymmetry]) -> bool:
     return any(abs(plane.normal @ other.normal) > SAME_PLANE for other in others)
+
+
+def is_same(first: Symmetry, second: Symmetry) -> bool:
+    """Return whether two symmetries of one object differ in accuracy only."""
+    if first.kind != second.kind or getattr(first, "order", None) != getattr(second, "order", None):
+        return False
+    is_sphere = isinstance(first, SphereSymmetry)
+    return is_sphere or bool(abs(first.direction @ second.direction) > SAME_PLANE)
 
 
 def is_round(symmetry: Symmetry) -> bool:

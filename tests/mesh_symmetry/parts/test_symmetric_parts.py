@@ -1,5 +1,6 @@
 """Cutting objects into symmetric regions."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -8,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.geometry.meshes.mesh import Mesh
-from pipelines.geometry.symmetry import ReflectionSymmetry
+from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry
 from pipelines.geometry.transforms import make_pose, random_rotation
 from pipelines.mesh_symmetry.detection.symmetry_detection import analyse, holding
 from pipelines.mesh_symmetry.doubt import Gauge
@@ -18,8 +19,10 @@ from pipelines.synthesis.objects.families.catalogue import make_shape
 from tests.geometry.symmetric_shapes import (
     ball_beside_box,
     box,
+    box_at,
     cylinder,
     finned_box,
+    l_shape,
     pebble,
     pronged_column,
     three_boxes,
@@ -34,6 +37,13 @@ def regions_of(mesh):
     rng = np.random.default_rng(0)
     detection = analyse(mesh, QUICK, rng)
     return detection.symmetries, symmetric_regions(mesh, detection, QUICK, rng)
+
+
+def regions_without(dropped, mesh):
+    """The regions of `mesh` if a person dropped the symmetries `dropped`."""
+    rng = np.random.default_rng(0)
+    detection = replace(analyse(mesh, QUICK, rng), symmetries=[], dropped=tuple(dropped))
+    return symmetric_regions(mesh, detection, QUICK, rng)
 
 
 def kinds(region):
@@ -166,6 +176,37 @@ def test_only_true_planes_of_the_offered_ones_hold_with_their_measured_error():
     (held,) = holding(offered, box(), QUICK, np.random.default_rng(0))
     assert_allclose(held.normal, np.eye(3)[2])
     assert held.error < 0.005
+
+
+@pytest.mark.parametrize("shape", [box, cylinder])
+def test_no_region_brings_back_what_was_dropped_from_the_whole(shape):
+    (whole,) = regions_without(regions_of(shape())[0], shape())
+    assert (whole.name, whole.symmetries) == ("whole", ())
+
+
+def test_an_object_without_its_dropped_symmetries_is_cut_into_its_symmetric_parts():
+    first, second = regions_without(regions_of(l_shape())[0], l_shape())
+    assert min(kinds(region).count("reflection") for region in (first, second)) >= 2
+
+
+def test_a_part_that_is_nearly_the_whole_does_not_bring_back_what_was_dropped():
+    dropped = [ReflectionSymmetry(normal, np.zeros(3)) for normal in np.eye(3)[:2]]
+    mesh = finned_box()
+    for region in regions_without(dropped, mesh):
+        if mesh.face_areas[region.triangles].sum() > 0.95 * mesh.area:
+            for plane in region.symmetries:
+                assert plane.kind != "reflection" or abs(plane.normal[2]) > 0.99
+
+
+def test_a_body_that_is_nearly_the_whole_does_not_bring_back_a_dropped_axis():
+    knob = box_at((0.01, 0.01, 0.008), (0.03, 0.0, 0.01))
+    can = cylinder()
+    corners = np.concatenate([can.vertices, knob.vertices])
+    mesh = Mesh(corners, np.concatenate([can.faces, knob.faces + len(can.vertices)]))
+    assert any("rotation" in kinds(region) for region in regions_without([], mesh))
+    axis = RotationSymmetry(np.eye(3)[2], np.zeros(3))
+    for region in regions_without([axis], mesh):
+        assert "rotation" not in kinds(region)
 
 
 def test_a_part_with_hardly_a_triangle_of_a_coarse_mesh_has_no_symmetry():

@@ -36,6 +36,10 @@ from pipelines.storage.provenance import digest, is_finished, make_stamp, refuse
 
 STAGE = "score-grasps"
 NAMED_FAULTS = 5
+ROUNDING = 1e-6  # metres; openings beyond the limit by less are equal to it
+CLIPPED = (
+    "{count} openings above {width:g} m were clipped; --clip-width states the gripper's widest one"
+)
 UNSURE = "is not closed; near its holes the distance grid and the verdicts are unreliable"
 
 
@@ -75,6 +79,9 @@ def run(
     write_verdicts(output, verdicts, stamp)
     report.done.append(output.name)
     report.notes[output.name] = _summary(verdicts)
+    wider = np.count_nonzero(given.rows[:, 1] > config.clip_width + ROUNDING)
+    if wider:
+        report.notes[grasps.name] = CLIPPED.format(count=wider, width=config.clip_width)
     unsure = config.compatible and not with_grid and not mesh.is_watertight
     if turned or unsure:
         report.notes[model.name] = "; ".join(filter(None, (turned, UNSURE if unsure else "")))

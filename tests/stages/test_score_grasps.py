@@ -110,6 +110,15 @@ def test_a_grid_next_to_the_mesh_is_read_as_by_graspnetapi(mesh_path):
     assert run(mesh_path, rows, overwrite=True)[1]["found"].all()  # the exact mode needs none
 
 
+def test_openings_beyond_the_clip_width_are_named(mesh_path):
+    rows = rows_across()
+    rows[0, 1] = np.float32(0.1)
+    assert "rows.npy" not in run(mesh_path, rows)[0].notes
+    rows[:2, 1] = 0.12, 0.11
+    note = run(mesh_path, rows, overwrite=True)[0].notes["rows.npy"]
+    assert "2 openings above 0.1 m were clipped; --clip-width" in note
+
+
 @pytest.mark.parametrize("compatible", [False, True])
 def test_colliding_and_empty_grasps_are_marked(mesh_path, compatible):
     rows = rows_across(3)

@@ -149,8 +149,9 @@ def _color_pieces(
 ) -> ColorPieces:
     """Return the pieces of uniform colour in `color` (H, W, 3), found at the working size."""
     step = working_step(segments.bare.shape)
-    config = replace(config, min_pixels=least_pixels(config.min_pixels, segments.bare.shape))
-    found = color_pieces(color[::step, ::step], segments.bare[::step, ::step], config)
+    bare = segments.bare[::step, ::step]
+    config = replace(config, min_pixels=least_pixels(config.min_pixels, bare.shape))
+    found = color_pieces(color[::step, ::step], bare, config)
     return replace(found, labels=enlarged(found.labels, segments.bare.shape))
 
 

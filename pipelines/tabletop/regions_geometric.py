@@ -70,9 +70,9 @@ def geometric_regions(
 
     `ground`: (H, W) pixels that may show the support, if known.
     """
-    config = replace(config, min_pixels=least_pixels(config.min_pixels, depth.shape))
     step = working_step(depth.shape)
     small = depth[::step, ::step]
+    config = replace(config, min_pixels=least_pixels(config.min_pixels, small.shape))
     fx, fy, cx, cy = (each / step for each in intrinsics.lens)
     camera = Intrinsics(fx, fy, cx, cy, small.shape[1], small.shape[0])
     xyz = camera.backproject(small)
@@ -93,13 +93,17 @@ def working_step(shape: tuple[int, ...]) -> int:
     return max(1, round(max(shape) / WORKING_WIDTH))
 
 
+def working_scale(shape: tuple[int, ...]) -> float:
+    """Return the longer side of an image of `shape` by `WORKING_WIDTH`, at most 1."""
+    return min(1.0, max(shape) / WORKING_WIDTH)
+
+
 def least_pixels(usual: int, shape: tuple[int, ...]) -> int:
-    """Return the least number of pixels of a piece in an image of `shape`.
+    """Return the least number of pixels of a piece in an image of `shape`, thinned or not.
 
     `usual`: of an image of `WORKING_WIDTH` or more; the same piece has fewer in a smaller image.
     """
-    scale = min(1.0, max(shape) / WORKING_WIDTH)
-    return min(usual, max(FEWEST_PIXELS, round(usual * scale**2)))
+    return min(usual, max(FEWEST_PIXELS, round(usual * working_scale(shape) ** 2)))
 
 
 def enlarged(image: NDArray[np.generic], shape: tuple[int, ...]) -> Labels:

@@ -45,6 +45,17 @@ def test_a_pen_below_the_noise_of_depth_is_a_flat_region():
     assert pen.status == "flat"
 
 
+def test_a_small_sticker_is_a_region_in_an_image_that_is_thinned_to_less_than_640_pixels():
+    camera = CAMERA.resized(960, 720)
+    depth, _ = render([Box((0.08, 0.08, 0.1))], camera=camera)
+    color = np.full((*depth.shape, 3), TABLE, np.uint8)
+    color[500:522, 200:222] = PAINT
+    frame = Frame("f", color, depth.astype(np.float32), camera)
+    seen = observe(frame, InferConfig(), np.random.default_rng(0), detector=Detector([]))
+    (sticker,) = of_color(seen)
+    assert iou(sticker.mask, color[..., 0] == PAINT[0]) > 0.6
+
+
 def test_an_object_without_depth_is_a_region_marked_as_such():
     (glass,) = of_color(observed(PEN, np.where(PEN, 0.0, DEPTH)))
     assert iou(glass.mask, PEN) > 0.6

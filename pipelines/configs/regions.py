@@ -32,7 +32,10 @@ class ColorConfig:
         45.0, "factor", "Length by width beyond which cables are removed from a piece.", BY_EYE
     )
     min_thickness: float = setting(
-        7.0, "px", "Least width of an object at its widest place; cables are thinner.", BY_EYE
+        7.0,
+        "px",
+        "Least width of an object at its widest place, in images of 640 px; cables are thinner.",
+        BY_EYE,
     )
     min_confined: float = fraction(
         0.6, "Share of a region inside a colour piece from which the piece completes it.", BY_EYE

@@ -31,6 +31,7 @@ from pipelines.tabletop.regions_geometric import (
     enlarged,
     geometric_regions,
     least_pixels,
+    working_scale,
     working_step,
 )
 from pipelines.tabletop.sparse_depth import filled
@@ -150,7 +151,11 @@ def _color_pieces(
     """Return the pieces of uniform colour in `color` (H, W, 3), found at the working size."""
     step = working_step(segments.bare.shape)
     bare = segments.bare[::step, ::step]
-    config = replace(config, min_pixels=least_pixels(config.min_pixels, bare.shape))
+    config = replace(
+        config,
+        min_pixels=least_pixels(config.min_pixels, bare.shape),
+        min_thickness=config.min_thickness * working_scale(bare.shape),
+    )
     found = color_pieces(color[::step, ::step], bare, config)
     return replace(found, labels=enlarged(found.labels, segments.bare.shape))
 

@@ -56,6 +56,12 @@ def test_a_small_sticker_is_a_region_in_an_image_that_is_thinned_to_less_than_64
     assert iou(sticker.mask, color[..., 0] == PAINT[0]) > 0.6
 
 
+@pytest.mark.parametrize(("width", "is_region"), [(2, False), (3, True), (4, True)])
+def test_a_pen_of_a_small_image_may_be_thinner_but_a_cable_is_none(width, is_region):
+    line = cv2.line(np.zeros(DEPTH.shape, np.uint8), (40, 150), (110, 190), 1, width) > 0
+    assert bool(of_color(observed(line))) == is_region
+
+
 def test_an_object_without_depth_is_a_region_marked_as_such():
     (glass,) = of_color(observed(PEN, np.where(PEN, 0.0, DEPTH)))
     assert iou(glass.mask, PEN) > 0.6

@@ -120,7 +120,9 @@ def test_six_units_that_all_differ_alike_are_a_certain_difference(units, certain
 def test_draws_without_any_truth_are_left_out_of_an_interval():
     # Half of eight frames have objects: one draw in 2 ** 8 has none, and its mean is undefined.
     counts = np.array([1.0, 0.0] * 4)
-    low, high = interval(FrameMeans(np.arange(8.0) * counts, counts), 8, 1000, 0.95, seed=0)
+    low, high = interval(
+        FrameMeans(np.arange(8.0) * counts, counts), np.arange(8), 1000, 0.95, seed=0
+    )
     assert 0.0 <= low < 3.0 < high <= 6.0
 
 

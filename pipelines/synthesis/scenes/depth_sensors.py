@@ -25,7 +25,7 @@ class DepthSensor:
     axial: tuple[float, float]  # constant and quadratic part of the axial noise's deviation
     smoothness: float  # correlation length of the axial noise, pixels
     jitter: float  # standard deviation of the lateral noise, pixels
-    subpixel: float  # resolved steps of disparity per pixel
+    subpixel: float  # resolved steps of disparity per pixel of the written image
     edge_loss: float  # share of pixels lost at depth edges
     grazing: float  # cosine between ray and normal below which light does not return
     holes: float  # average number of holes per frame
@@ -136,7 +136,11 @@ def _holes(shape: tuple[int, ...], sensor: DepthSensor, rng: np.random.Generator
 
 
 def _quantised(depth: Array, intrinsics: Intrinsics, sensor: DepthSensor) -> Array:
-    """Return `depth` rounded to steps of disparity."""
+    """Return `depth` rounded to steps of disparity.
+
+    A step is a part of a pixel of the written image, so that the error depends on its size: half
+    the width doubles the steps of depth. A real sensor matches in an image of fixed size.
+    """
     scale = intrinsics.fx * sensor.baseline * sensor.subpixel
     with np.errstate(divide="ignore", invalid="ignore"):
         steps = np.rint(scale / depth)

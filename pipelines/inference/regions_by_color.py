@@ -36,7 +36,7 @@ def with_color(
     `depth`: (H, W) metres, 0 = missing.
     """
     completion = _ColorCompletion(segments, depth, intrinsics, config.region.color)
-    count = len(pieces.whole)
+    count = len(pieces.may_be_object)
     inside = np.array([np.bincount(pieces.labels[r.mask], minlength=count) for r in regions])
     inside = inside.reshape(len(regions), count)
     sizes = np.array([np.count_nonzero(region.mask) for region in regions])
@@ -50,7 +50,7 @@ def with_color(
         rest = piece & ~covered
         own = [result[member] for member in members]
         if not own:
-            is_new = pieces.whole[number] and _is_mostly_new(piece, rest, config)
+            is_new = pieces.may_be_object[number] and _is_mostly_new(piece, rest, config)
             # A piece that clearly stands out is found by depth, or is a wall or an arm.
             if is_new and completion.is_low(rest):
                 new.append(Region(rest, config.geometric_confidence, "color"))

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipelines.array_types import Array, Indices, Mask
+from pipelines.array_types import Array, Indices, Mask, Vector
 from pipelines.configs import RegionConfig
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.numerics.compiled import compiled
@@ -154,12 +154,12 @@ def _near_plane(z: Array, near: Mask, affine: Affine, tolerance: float) -> tuple
 
 @compiled
 def _above(
-    z: Array, near: Mask, warp: Array, affine: Affine, offset: float, limits: Affine
+    z: Array, near: Mask, warp: Array, affine: Affine, offset: float, limits: Vector
 ) -> tuple[Mask, Mask]:
     """Return masks (H, W) of the pixels above the table, and of those clearly above it.
 
-    `warp`: (H, W) inverse depth that the sensor adds at the table. `offset`: of the plane.
-    `limits`: least height, height of noise per metre of depth, greatest height.
+    `warp`: (H, W) inverse depth that the sensor adds at the table. `offset`: of the plane, metres.
+    `limits`: least height, metres; height of noise, metres per metre of depth; greatest height.
     """
     a, b, c = affine
     least, noise, greatest = limits

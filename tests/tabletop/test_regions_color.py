@@ -37,19 +37,19 @@ def test_a_bare_table_in_uneven_light_has_no_pieces():
 def test_a_pen_of_another_colour_is_one_piece():
     found = pieces(with_line((60, 60), (160, 90), (40, 60, 160), 8))
     true = with_line((60, 60), (160, 90), (0, 0, 0), 8).sum(-1) == 0
-    assert found.whole.tolist() == [False, True]
+    assert found.may_be_object.tolist() == [False, True]
     both = (found.labels == 1) & true
     assert both.sum() > 0.7 * ((found.labels == 1) | true).sum()
 
 
 def test_a_piece_that_reaches_over_the_edge_of_the_table_is_no_object():
     found = pieces(with_line((10, 60), (160, 90), (40, 60, 160), 8))
-    assert found.whole.tolist() == [False, False]
+    assert found.may_be_object.tolist() == [False, False]
 
 
 def test_a_line_such_as_a_cable_or_a_joint_is_no_object():
     found = pieces(with_line((40, 60), (280, 90), (30, 30, 30), 2))
-    assert not found.whole.any()
+    assert not found.may_be_object.any()
 
 
 def test_a_cable_does_not_join_the_objects_it_connects():
@@ -64,7 +64,7 @@ def test_a_cable_does_not_join_the_objects_it_connects():
 def test_the_pattern_of_a_table_is_not_taken_for_objects():
     squares = np.indices(SHAPE).sum(0) // 10 % 2 == 0
     picture = np.where(squares[..., None], (230, 230, 230), (90, 50, 30))
-    assert not pieces(picture).whole.any()
+    assert not pieces(picture).may_be_object.any()
 
 
 def test_without_colour_or_without_a_table_there_are_no_pieces():

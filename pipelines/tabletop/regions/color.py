@@ -36,12 +36,12 @@ class ColorPieces:
 
     Attributes:
         labels: (H, W) 1, 2, ... n for pieces, 0 elsewhere.
-        whole: (n + 1,) whether a piece may be an object: inside the table's outline, and
-            no line such as a cable or a joint of boards; False for label 0.
+        may_be_object: (n + 1,) whether a piece may be an object: inside the table's outline,
+            and no line such as a cable or a joint of boards; False for label 0.
     """
 
     labels: Labels
-    whole: Mask
+    may_be_object: Mask
 
 
 def color_pieces(color: Bytes, bare: Mask, config: ColorConfig) -> ColorPieces:
@@ -59,10 +59,10 @@ def color_pieces(color: Bytes, bare: Mask, config: ColorConfig) -> ColorPieces:
     differs = _differing(lab, mean, least, outline, lightness)
     closed = cv2.morphologyEx(differs, cv2.MORPH_CLOSE, SQUARE)
     parts = cv2.morphologyEx(closed, cv2.MORPH_OPEN, CROSS)
-    return _whole_pieces(np.asarray(parts, np.uint8), outline, config)
+    return _pieces(np.asarray(parts, np.uint8), outline, config)
 
 
-def _whole_pieces(parts: Bytes, outline: Bytes, config: ColorConfig) -> ColorPieces:
+def _pieces(parts: Bytes, outline: Bytes, config: ColorConfig) -> ColorPieces:
     """Return the pieces of `parts` (H, W), 1 or 0, within the table's `outline` (H, W).
 
     Cables are removed, which separates the objects that they join.
@@ -82,8 +82,8 @@ def _whole_pieces(parts: Bytes, outline: Bytes, config: ColorConfig) -> ColorPie
     kept = area >= config.min_pixels
     kept[0] = False
     numbers = np.where(kept, np.cumsum(kept), 0).astype(np.int32)
-    whole = (at_rim == 0) & (widest >= config.min_thickness)
-    return ColorPieces(numbers.take(labels), np.concatenate([[False], whole[kept]]))
+    is_whole = (at_rim == 0) & (widest >= config.min_thickness)
+    return ColorPieces(numbers.take(labels), np.concatenate([[False], is_whole[kept]]))
 
 
 def _lengths(parts: Bytes, labels: Labels, count: int) -> Array:
@@ -113,10 +113,10 @@ def table_outline(bare: Mask) -> Bytes:
 def _table_color(
     lab: Bytes, bare: Mask, lightness: float, config: ColorConfig
 ) -> tuple[Singles, Singles]:
-    """Return the table's mean colour (H, W, 3), and its standard deviation (H, W).
+    """Return the table's mean colour (H, W, 3), Lab, and its standard deviation (H, W).
 
-    The first channel of the mean is lightness times `lightness`. The deviation is infinite where
-    no bare table is near.
+    `lightness`: factor of the first channel in both results. The deviation is infinite where no
+    bare table is near.
     """
     height, width = bare.shape
     size = max(1, width // THINNED), max(1, height // THINNED)
@@ -137,16 +137,19 @@ def _table_color(
         known = share > LEAST_SEEN
         weight = weight * (squares < outlier**2 * variance)
     spread = np.where(known, np.sqrt(variance), np.float32(np.inf)).astype(np.float32)
-    whole = width, height
+    full = width, height
     return (
-        np.asarray(cv2.resize(mean, whole), np.float32),
-        np.asarray(cv2.resize(spread, whole, interpolation=cv2.INTER_NEAREST), np.float32),
+        np.asarray(cv2.resize(mean, full), np.float32),
+        np.asarray(cv2.resize(spread, full, interpolation=cv2.INTER_NEAREST), np.float32),
     )
 
 
 @compiled
 def _differing(lab: Bytes, mean: Singles, least: Singles, inside: Bytes, lightness: float) -> Bytes:
-    """Return the pixels (H, W), 1 or 0, `inside` whose colour is at least `least` from `mean`."""
+    """Return the pixels (H, W), 1 or 0, `inside` whose colour is at least `least` from `mean`.
+
+    `lightness`: factor of the first channel of `lab`, which `mean` already has.
+    """
     height, width = inside.shape
     result = np.zeros((height, width), np.uint8)
     for row in range(height):

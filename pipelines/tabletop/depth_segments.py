@@ -28,7 +28,7 @@ FINER = 0.5  # factor of the thresholds of fold and step when too large a piece 
 def segment(
     xyz: Array, foreground: Mask, clear: Mask, focal: float, config: RegionConfig
 ) -> tuple[Labels, Labels]:
-    """Cut `foreground` (H, W) into pieces; 0 elsewhere.
+    """Cut `foreground` (H, W) into pieces, at depth steps and creases; 0 elsewhere.
 
     Pieces too large for an object are cut again at weaker creases and lower steps.
 
@@ -40,18 +40,18 @@ def segment(
         config: thresholds.
 
     Returns:
-        The pieces (H, W), and the pieces (H, W) by depth steps alone.
+        The pieces (H, W), and the surfaces (H, W), which only depth steps separate.
     """
-    pieces, whole = np.zeros((2, *foreground.shape), np.int32)
+    pieces, surfaces = np.zeros((2, *foreground.shape), np.int32)
     if not foreground.any():
-        return pieces, whole
+        return pieces, surfaces
     rows, columns = (np.flatnonzero(foreground.any(axis=axis)) for axis in (1, 0))
     window = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
     xyz, foreground = np.ascontiguousarray(xyz[window]), foreground[window]
     fold = inward_fold(xyz, foreground, focal, config)
-    steps = connected(xyz, foreground, config)
+    surfaces[window] = connected(xyz, foreground, config)
     fold[foreground & ~clear[window]] = -np.inf
-    labels = _cut(xyz, foreground, steps, fold, config)
+    labels = _cut(xyz, foreground, surfaces[window], fold, config)
     large = _too_large(xyz, labels, config).take(labels)
     if large.any():
         finer = replace(
@@ -59,16 +59,17 @@ def segment(
         )
         again = _cut(xyz, large, connected(xyz, large, finer), fold, finer)
         labels = np.where(large, again + labels.max(initial=0), labels)
-    pieces[window], whole[window] = labels, steps
-    return pieces, whole
+    pieces[window] = labels
+    return pieces, surfaces
 
 
-def _cut(xyz: Array, mask: Mask, whole: Labels, fold: Singles, config: RegionConfig) -> Labels:
+def _cut(xyz: Array, mask: Mask, surfaces: Labels, fold: Singles, config: RegionConfig) -> Labels:
+    """Return the pieces (H, W) of `mask` (H, W), cut where `fold` (H, W) is a crease."""
     parts = connected(xyz, mask & (fold > -config.crease_fold), config)
     names = np.arange(parts.max(initial=0) + 1, dtype=np.int32)
     names[np.bincount(parts.ravel()) < config.min_pixels] = 0
     names[0] = 0
-    return _attach(xyz, names.take(parts), whole, mask)
+    return _attach(xyz, names.take(parts), surfaces, mask)
 
 
 def _too_large(xyz: Array, labels: Labels, config: RegionConfig) -> Mask:
@@ -96,43 +97,43 @@ def inward_fold(xyz: Array, mask: Mask, focal: float, config: RegionConfig) -> S
     """
     radius = max(2, round(config.normal_radius * min(1.0, focal / USUAL_FOCAL)))
     reach = radius + 1
-    steps = np.array([(0, reach), (reach, 0), (reach, reach), (reach, -reach)])
+    ends = np.array([(0, reach), (reach, 0), (reach, reach), (reach, -reach)])
     # Longest chords of a surface without a step, at a depth of one metre.
-    longest = np.hypot(*steps.T).astype(np.float32) * np.float32(config.crease_reach / focal)
+    longest = np.hypot(*ends.T).astype(np.float32) * np.float32(config.crease_reach / focal)
     xyz, mask = np.ascontiguousarray(xyz), np.ascontiguousarray(mask)
-    return _folds(xyz, smooth_normals(xyz, mask, radius), mask, steps, longest)
+    return _folds(xyz, smooth_normals(xyz, mask, radius), mask, ends, longest)
 
 
 def connected(xyz: Array, mask: Mask, config: RegionConfig) -> Labels:
-    """Label the pieces of `mask` (H, W), all measured, without a step in depth; 0 elsewhere.
+    """Label the surfaces of `mask` (H, W), whose pixels are all measured; 0 elsewhere.
 
-    A surface continues along rows and columns to pixels up to `GAP` apart without depth between.
-    Pieces are numbered row by row.
+    A surface has no step in depth. It continues along rows and columns to pixels up to `GAP` apart
+    without depth between. Surfaces are numbered row by row.
     """
     steps = config.depth_step * (1.0 + 0.25 * np.arange(GAP + 1, dtype=np.float32))
     return _joined(xyz[..., 2].astype(np.float32), np.ascontiguousarray(mask), steps)
 
 
-def _attach(xyz: Array, cores: Labels, whole: Labels, foreground: Mask) -> Labels:
+def _attach(xyz: Array, cores: Labels, surfaces: Labels, foreground: Mask) -> Labels:
     """Label the foreground outside `cores` by the nearest of the cores next to such pixels.
 
-    A piece of `whole` with cores only across a gap takes the nearest of its own. A piece without a
-    core (small or thin) becomes a separate region.
+    A surface with cores only across a gap takes the nearest of its own. A surface without a core
+    (small or thin) becomes a separate piece.
     """
     labels = cores.copy()
     rest = foreground & (cores == 0)
-    with_core = np.zeros(whole.max(initial=0) + 1, bool)
-    with_core[whole[cores > 0]] = True
-    pieces = whole[rest]
-    labels[rest] = np.where(with_core[pieces], 0, cores.max(initial=0) + pieces)
+    with_core = np.zeros(surfaces.max(initial=0) + 1, bool)
+    with_core[surfaces[cores > 0]] = True
+    around = surfaces[rest]
+    labels[rest] = np.where(with_core[around], 0, cores.max(initial=0) + around)
     rest &= labels == 0
     seeds = cv2.dilate(rest.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
     seeds &= cores > 0
     seeded = np.zeros(len(with_core), bool)
-    seeded[whole[seeds]] = True
-    apart = rest & ~seeded.take(whole)
-    for piece in np.unique(whole[apart]):
-        own = whole == piece
+    seeded[surfaces[seeds]] = True
+    apart = rest & ~seeded.take(surfaces)
+    for surface in np.unique(surfaces[apart]):
+        own = surfaces == surface
         _label_by_nearest(labels, xyz, apart & own, own & (cores > 0))
     _label_by_nearest(labels, xyz, rest & ~apart, seeds)
     return labels
@@ -146,25 +147,25 @@ def _label_by_nearest(labels: Labels, xyz: Array, some: Mask, seeds: Mask) -> No
 
 
 @compiled
-def _folds(xyz: Array, normals: Array, mask: Mask, steps: Indices, longest: Singles) -> Singles:
+def _folds(xyz: Array, normals: Array, mask: Mask, ends: Indices, longest: Singles) -> Singles:
     """Return the most negative fold (H, W) between the ends of k chords through each pixel.
 
-    `steps`: (k, 2) rows and columns from a chord's middle to its end. `longest`: (k,) lengths
+    `ends`: (k, 2) rows and columns from a chord's middle to its end. `longest`: (k,) lengths
     at a depth of one metre beyond which a chord crosses a step.
     """
     height, width = mask.shape
-    margin = int(steps.max())
+    margin = int(ends.max())
     points, facing = _padded(xyz, mask, margin), _padded(normals, mask, margin)
     folds, stride = np.zeros((height, width), np.float32), width + 2 * margin
     for row in range(height):
         first = (row + margin) * stride + margin
-        for k in range(len(steps)):
-            step = steps[k, 0] * stride + steps[k, 1]
+        for k in range(len(ends)):
+            end = ends[k, 0] * stride + ends[k, 1]
             _lower(
                 folds[row],
                 _row(points, first, width)[2],
-                (_row(points, first - step, width), _row(points, first + step, width)),
-                (_row(facing, first - step, width), _row(facing, first + step, width)),
+                (_row(points, first - end, width), _row(points, first + end, width)),
+                (_row(facing, first - end, width), _row(facing, first + end, width)),
                 longest[k],
             )
     return folds
@@ -215,10 +216,10 @@ def _lower(
 
 @compiled
 def _joined(z: Singles, mask: Mask, steps: Singles) -> Labels:
-    """Return the pieces of `connected`; `steps`: (GAP + 1,) least depth step of pixels n apart."""
+    """Return the surfaces of `connected`; `steps` (GAP + 1,): least step of pixels n apart."""
     height, width = mask.shape
     depth, inside = z.ravel(), mask.ravel()
-    # Union-find: the number of each run along a row, and an earlier run of the same piece.
+    # Union-find: the number of each run along a row, and an earlier run of the same surface.
     run, earlier, count = np.zeros(mask.size, np.int64), np.zeros(mask.size + 1, np.int64), 0
     apart = np.array([1, width])  # flat distance of neighbours along a row and along a column
     for row in range(height):

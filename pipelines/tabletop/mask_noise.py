@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.array_types import Mask
-from pipelines.tabletop.regions.pieces import box_of
+from pipelines.tabletop.regions.pieces import box_of, with_margin
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class MaskNoise:
             return mask
         size = float(np.sqrt(mask.sum()))
         margin = int(np.ceil(size * (self.edge + self.blot))) + 2
-        window = tuple(slice(max(0, s.start - margin), s.stop + margin) for s in box_of(mask))
+        window = with_margin(box_of(mask), margin)
         changed = _moved_edge(mask[window].astype(np.uint8), size * self.edge, rng)
         changed = _blotted(changed, size * self.blot, rng)
         if not changed.any():

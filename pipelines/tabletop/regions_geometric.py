@@ -14,7 +14,7 @@ from pipelines.geometry.pointcloud import Plane
 from pipelines.tabletop.depth_segments import Labels, segment
 from pipelines.tabletop.regions.object_criteria import ObjectCriteria
 from pipelines.tabletop.regions.pieces import Box, pieces_of_labels
-from pipelines.tabletop.regions.standing import standing as standing_pieces
+from pipelines.tabletop.regions.standing import standing
 from pipelines.tabletop.tabletop import find_tabletop
 
 WORKING_WIDTH = 640  # pixels; larger images are thinned to about this width
@@ -78,9 +78,9 @@ def geometric_regions(
     xyz = camera.backproject(small)
     ground_seen = None if ground is None else ground[::step, ::step]
     tabletop = find_tabletop(xyz, camera, config, rng, ground_seen)
-    pieces, whole = segment(xyz, tabletop.foreground, tabletop.clear, camera.fx, config)
-    standing = standing_pieces(xyz, whole, tabletop, camera, config)
-    criteria = ObjectCriteria(xyz, tabletop, ~standing[whole], config)
+    pieces, surfaces = segment(xyz, tabletop.foreground, tabletop.clear, camera.fx, config)
+    stands = standing(xyz, surfaces, tabletop, camera, config)
+    criteria = ObjectCriteria(xyz, tabletop, ~stands[surfaces], config)
     labels = _sound_regions(pieces, criteria)
     above, bare = (
         enlarged(image, depth.shape) > 0 for image in (tabletop.foreground, tabletop.bare)

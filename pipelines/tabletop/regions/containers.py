@@ -17,7 +17,7 @@ from pipelines.geometry.numerics.quantiles import median, quantiles
 from pipelines.geometry.transforms import cross, unit
 from pipelines.tabletop.depth_segments import Labels
 from pipelines.tabletop.regions.object_criteria import ObjectCriteria
-from pipelines.tabletop.regions.pieces import Box, box_of
+from pipelines.tabletop.regions.pieces import Box, box_of, with_margin
 
 RIM = 0.012  # metres below the highest points that count as one rim
 HIGHEST = 0.97  # quantile of the heights of outside and inside that is the rim's
@@ -64,8 +64,7 @@ def _boxes(labels: Labels) -> Iterator[tuple[int, Box]]:
     """Yield each label of `labels` (H, W) and its bounding box, widened by the gap."""
     for index, box in enumerate(find_objects(labels), 1):
         if box is not None:
-            rows, columns = (slice(max(0, side.start - GAP), side.stop + GAP) for side in box)
-            yield index, (rows, columns)
+            yield index, with_margin((box[0], box[1]), GAP)
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,10 @@ from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import unit
 from pipelines.tabletop.depth_segments import extent
 from pipelines.tabletop.footprint import Footprint
+from pipelines.tabletop.regions.pieces import UNMEASURED
 from pipelines.tabletop.tabletop import Tabletop
 
-TALL = 1.7  # least height of an object, over the height that stands out from noise
-UNMEASURED = 16  # pixels at the border of the image that a sensor may not measure
+TALL = 1.7  # least height of an object, in heights that stand out from noise
 MIN_BORDER = 20  # pixels on the image border from which an object continues outside
 FITTED = 500  # points of a piece, about, to which a plane is fitted
 BARE = 2000  # points of the support, about, that are compared with a piece's plane

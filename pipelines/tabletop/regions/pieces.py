@@ -11,6 +11,8 @@ from pipelines.tabletop.depth_segments import Labels
 
 Box = tuple[slice, slice]
 
+UNMEASURED = 16  # pixels at the border of the image that a sensor may not measure
+
 
 @dataclass(frozen=True)
 class LabelledPiece:
@@ -34,6 +36,12 @@ def pieces_of_labels(labels: Labels, xyz: Array, min_pixels: int) -> list[Labell
             LabelledPiece(int(label), pixels, xyz.reshape(-1, 3).take(pixels, axis=0), box)
         )
     return found
+
+
+def with_margin(box: Box, margin: int) -> Box:
+    """Return `box` with `margin` more pixels on each side, from row and column 0 on."""
+    rows, columns = (slice(max(0, side.start - margin), side.stop + margin) for side in box)
+    return rows, columns
 
 
 def box_of(mask: Mask) -> Box:

@@ -1,4 +1,4 @@
-"""Selection of the connected foreground pieces that reach down to the support plane.
+"""Selection of the foreground's surfaces that reach down to the support plane.
 
 An arm that hangs into the image, or an object beyond the table, does not.
 """
@@ -13,13 +13,19 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.numerics.quantiles import median, quantiles
 from pipelines.geometry.pointcloud import Plane
 from pipelines.tabletop.depth_segments import Labels, extent
-from pipelines.tabletop.regions.pieces import Box, LabelledPiece, box_of, pieces_of_labels
+from pipelines.tabletop.regions.pieces import (
+    UNMEASURED,
+    Box,
+    LabelledPiece,
+    box_of,
+    pieces_of_labels,
+    with_margin,
+)
 from pipelines.tabletop.tabletop import Tabletop
 
 FOOT = 6  # pixels below and above a piece where a nearer piece, or missing depth, may hide its foot
 FEET = 500  # points of a piece whose feet on the table are checked
 KNOWN_FEET = 0.5  # least share of these feet with measured depth
-BORDER = 16  # pixels at the border of the image that a sensor may not measure
 LOWEST = 0.15  # share of a piece's points that are its lowest, or its highest
 DROPS = 0.04, 0.06, 0.1  # metres beneath the lowest points where background may be seen
 BEHIND = 0.03  # least metres from such a place to the background seen there
@@ -29,19 +35,26 @@ TABLE_BENEATH = 0.25  # largest share of these feet that show the table
 
 
 def standing(
-    xyz: Array, whole: Labels, tabletop: Tabletop, camera: Intrinsics, config: RegionConfig
+    xyz: Array, surfaces: Labels, tabletop: Tabletop, camera: Intrinsics, config: RegionConfig
 ) -> Mask:
-    """Return a mask (pieces + 1,) of the connected pieces that may reach down to the table.
+    """Return a mask (n + 1,) of the n surfaces that may reach down to the table.
 
-    The foot may lack depth, or be hidden by a nearer piece, or by the piece itself in a view from
-    above. An arm that hangs into the image, its foot, or an object beyond the table does not.
+    The foot may lack depth, or be hidden by a nearer surface, or by the surface itself in a view
+    from above. An arm that hangs into the image, its foot, or an object beyond the table does not.
+
+    Args:
+        xyz: (H, W, 3) metres, camera frame, nan where missing.
+        surfaces: (H, W) of `depth_segments.segment`; 0 is no surface.
+        tabletop: the support plane and the foreground.
+        camera: intrinsics of `xyz`.
+        config: thresholds.
     """
-    result = np.ones(int(whole.max(initial=0)) + 1, bool)
+    result = np.ones(int(surfaces.max(initial=0)) + 1, bool)
     plane = tabletop.plane
     if plane is None:
         return result
     measured = box_of(np.isfinite(xyz[..., 2]))
-    pieces = pieces_of_labels(whole, xyz, config.min_pixels)
+    pieces = pieces_of_labels(surfaces, xyz, config.min_pixels)
     floating = [p for p in pieces if quantiles(plane.height(p.points), 0.02) >= config.max_floating]
     # A free-hanging piece is held from outside the image, or by something unseen (D. 136).
     hanging = [
@@ -55,9 +68,9 @@ def standing(
         if not result[piece.label]:
             continue
         # A step in depth separates a finger from its hand.
-        if _is_beside(piece, arms, whole) and _hangs_free(piece, xyz, plane, camera):
+        if _is_beside(piece, arms, surfaces) and _hangs_free(piece, xyz, plane, camera):
             result[piece.label] = False
-        elif not _foot_may_be_hidden(piece, xyz, whole, plane):
+        elif not _foot_may_be_hidden(piece, xyz, surfaces, plane):
             result[piece.label] = _hides_its_foot(piece, xyz, plane, camera, config)
     for piece in pieces if hanging else ():
         if result[piece.label] and extent(piece.points) > config.max_cut_extent:
@@ -68,15 +81,14 @@ def standing(
 def _reaches_out(box: Box, measured: Box) -> bool:
     """Return whether a piece in `box` reaches the border of the `measured` box."""
     return any(
-        own.start < whole.start + BORDER or own.stop > whole.stop - BORDER
-        for own, whole in zip(box, measured, strict=True)
+        own.start < seen.start + UNMEASURED or own.stop > seen.stop - UNMEASURED
+        for own, seen in zip(box, measured, strict=True)
     )
 
 
-def _is_beside(piece: LabelledPiece, others: list[int], whole: Labels) -> bool:
+def _is_beside(piece: LabelledPiece, others: list[int], surfaces: Labels) -> bool:
     """Return whether a piece is within `FOOT` pixels of one of the pieces labelled `others`."""
-    rows, columns = (slice(max(0, s.start - FOOT), s.stop + FOOT) for s in piece.box)
-    around = whole[rows, columns]
+    around = surfaces[with_margin(piece.box, FOOT)]
     side = 2 * FOOT + 1
     near = cv2.dilate((around == piece.label).astype(np.uint8), np.ones((side, side), np.uint8))
     return bool(np.isin(around[near > 0], others).any())
@@ -107,17 +119,17 @@ def _carries(piece: LabelledPiece, hanging: LabelledPiece, plane: Plane) -> bool
     return bool(np.min(KDTree(top).query(some)[0]) < JOINT)
 
 
-def _foot_may_be_hidden(piece: LabelledPiece, xyz: Array, whole: Labels, plane: Plane) -> bool:
+def _foot_may_be_hidden(piece: LabelledPiece, xyz: Array, surfaces: Labels, plane: Plane) -> bool:
     """Return whether nearer pieces, or missing depth, border the lower side of a piece."""
     foot = FOOT if plane.normal[1] <= 0.0 else 0  # down in the image, or up
-    rows, columns = (slice(max(0, s.start - FOOT), s.stop + FOOT) for s in piece.box)
-    around = whole[rows, columns]
+    box = with_margin(piece.box, FOOT)
+    around, z = surfaces[box], xyz[..., 2][box]
     inside = around == piece.label
     shape = inside.astype(np.uint8)
     beside = (cv2.dilate(shape, np.ones((2 * FOOT + 1, 1), np.uint8)) > 0) & ~inside
-    nearer = (around > 0) & (xyz[rows, columns, 2] < median(piece.points[:, 2]))
+    nearer = (around > 0) & (z < median(piece.points[:, 2]))
     beneath = cv2.dilate(shape, np.ones((FOOT + 1, 1), np.uint8), anchor=(0, foot)) > 0
-    hidden = beside & (nearer | (beneath & np.isnan(xyz[rows, columns, 2])))
+    hidden = beside & (nearer | (beneath & np.isnan(z)))
     return bool(hidden.sum() > FOOT * 0.3 * np.count_nonzero(inside.any(axis=0)))
 
 

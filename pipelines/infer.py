@@ -21,6 +21,7 @@ from pipelines.errors import StaleOutputError
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_stream import read_results
+from pipelines.inference.frame_workers import load_in_workers, options_for_frames
 from pipelines.inference.infer_run import (
     STAGE,
     InferRun,
@@ -37,7 +38,6 @@ from pipelines.inference.infer_run import (
 )
 from pipelines.inference.pictures import draw_missing, results_of_output
 from pipelines.inference.run_settings import InferPaths, RunSettings, check_config
-from pipelines.inference.side_by_side import load_in_workers, options_for_frames
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import refuse_file_as_folder

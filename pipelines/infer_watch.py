@@ -18,9 +18,9 @@ from pipelines.dataset.chosen_frames import ALL_FRAMES, ChosenFrames
 from pipelines.errors import SymgraspError
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.inference.following import Follower, FrameOutcome
+from pipelines.inference.frame_workers import options_for_frames
 from pipelines.inference.infer_run import STAGE, InferRun, refuse_foreign_output
 from pipelines.inference.run_settings import InferPaths, RunSettings, check_config
-from pipelines.inference.side_by_side import options_for_frames
 from pipelines.inference.watching import Clock
 from pipelines.runtime.batch import BatchOptions, StageReport
 from pipelines.runtime.one_run import one_run_at_a_time

@@ -134,8 +134,10 @@ def infer(
         raise typer.BadParameter("--watch-timeout goes with --watch")
     if out.suffix not in HDF5_SUFFIXES:
         raise typer.BadParameter(f"--out is {out}; it must be a file name that ends in .h5")
-    config, room = _with_workspace(config, workspace)
-    paths = stage.InferPaths(frames, out, overlays, masks, room).with_weights(**weights)
+    config, allowed = _with_workspace(config, workspace)
+    paths = stage.InferPaths(frames, out, overlays, masks, workspace=allowed).with_weights(
+        **weights
+    )
     if watch and frames.is_dir() and not report_style().quiet:
         typer.echo(printable(f"watching {frames} until Ctrl-C"), err=True)
     followed = partial(infer_watch.run, watch=config.watch, notify=_print_outcome)

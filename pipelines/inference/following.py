@@ -56,28 +56,50 @@ class _TakesTooLong(Exception):  # noqa: N818 - it ends a thread of ours
 
 @dataclass
 class Follower:
-    """The state of all frames so far."""
+    """The work of `infer --watch`: frames as they arrive, their results, and the output.
+
+    `begin` comes first, then `poll` again and again, and `end` last.
+
+    Attributes:
+        run: the run of `infer` whose output is kept up to date.
+        watch: waiting times.
+        options: options of the batches of frames.
+        notify: called with the outcome of each frame.
+        clock: current time and waiting.
+        threads: process frames. Always the same ones: the C library keeps memory that a thread
+            frees, and new threads for each two frames held 150 MB more.
+        writer: writes the output.
+        items: newest result of each frame, by name, failed frames included.
+        failed: sentence on the fault of each failed frame, by name.
+        pending: frames that could not be read at the first try, by name.
+        report: the report to return at the end.
+        listed: frames of the folder at the last listing.
+        trouble: why the last listing failed; empty if it did not.
+        is_changed: whether results changed since the output was written.
+        writing: the running writing of the output; None if there is none.
+        writing_began: time at which the last writing began.
+        next_writing: time from which the next writing may begin.
+        deadline: time at which a writing must have ended.
+    """
 
     run: InferRun
     watch: WatchConfig
     options: BatchOptions
     notify: Callable[[FrameOutcome], None]
     clock: Clock
-    # The same threads for all frames: the C library keeps memory that a thread frees, and new
-    # threads for each two frames held 150 MB more.
     threads: Executor
-    writer: Executor  # of the output
+    writer: Executor
     items: dict[str, WorkItem] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
-    pending: dict[str, tuple[Arrival, WorkItem, str]] = field(default_factory=dict)  # put off
+    pending: dict[str, tuple[Arrival, WorkItem, str]] = field(default_factory=dict)
     report: StageReport = field(default_factory=lambda: StageReport(STAGE))
     listed: Sequence[FrameSource] = ()
-    trouble: str = ""  # why the last listing failed
-    is_changed: bool = False  # whether frames changed since the output was written
-    writing: Future[None] | None = None  # while the output is written
-    writing_began: float = 0.0  # time when the last writing began
-    next_writing: float = 0.0  # time when the next writing may begin
-    deadline: float = inf  # time when the writing must have ended
+    trouble: str = ""
+    is_changed: bool = False
+    writing: Future[None] | None = None
+    writing_began: float = 0.0
+    next_writing: float = 0.0
+    deadline: float = inf
 
     def __post_init__(self) -> None:
         self.watcher = Watcher(self.watch)

@@ -65,17 +65,17 @@ class InferRun:
         return self.settings.paths.output
 
     @cached_property
-    def weights(self) -> Mapping[str, str]:
-        """Digests of the weights."""
-        return self.settings.weights()
+    def weight_digests(self) -> Mapping[str, str]:
+        """Digests of the weights, by model."""
+        return self.settings.weight_digests()
 
     @cached_property
     def shared_inputs(self) -> Mapping[str, str]:
         """Digests of all inputs that the frames share."""
         camera, units = self.stated.camera, self.stated.depth_units_per_metre
         stated = f"{camera} {units} {self.settings.timings}"
-        others = self.settings.other_inputs()
-        return {**self.weights, **others, "overrides": digest_text(stated)}
+        others = self.settings.other_digests()
+        return {**self.weight_digests, **others, "overrides": digest_text(stated)}
 
     def find(self, *, may_be_empty: bool = False) -> list[FrameSource]:
         """List the chosen frames of the folder; see `find_frames`."""
@@ -117,9 +117,10 @@ class InferRun:
         failed: Mapping[str, str],
         check: Callable[[], None] = lambda: None,
     ) -> None:
-        """Write the output from the parts of `items` and reasons of `failed`; `check` may end it.
+        """Write the output from the parts of `items`.
 
-        `check`: called between frames; if it raises, nothing is written.
+        `failed`: sentence on the fault of each failed frame, by name. `check`: called between
+        frames; if it raises, nothing is written.
         """
         parts = [
             FrameResult(item.name, "failed", failed[item.name], seconds=np.nan)
@@ -131,7 +132,7 @@ class InferRun:
             check()
             if item.name not in failed and not inputs_of(item).are_known:
                 inputs_of(item).take_over(read_stamp(item.target) or {}, unchecked=True)
-        merge_parts(self.output, parts, self.output_stamp(items), self.weights, check)
+        merge_parts(self.output, parts, self.output_stamp(items), self.weight_digests, check)
 
 
 def infer_frame(item: WorkItem, settings: RunSettings) -> str | None:

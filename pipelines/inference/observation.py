@@ -99,14 +99,14 @@ def observe(
     Raises:
         ValueRangeError: `config.limits` are in the table frame, and no table is found.
     """
-    depth, lens = filled(frame.depth), frame.intrinsics
+    depth, intrinsics = filled(frame.depth), frame.intrinsics
     least = least_pixels(config.min_region_pixels, depth.shape)
     config = replace(config, min_region_pixels=least)
     # The user's instances are no support: a plane needs depth outside of the instances.
     ground = None if masks is None else masks == 0
-    segments = geometric_regions(depth, lens, config.region, rng, ground)
-    limits = Limits.of(config.limits, workspace, segments.plane, lens)
-    scene = SceneCloud(depth.astype(np.float64), lens, segments.plane, limits, config.sensor)
+    segments = geometric_regions(depth, intrinsics, config.region, rng, ground)
+    limits = Limits.of(config.limits, workspace, segments.plane, intrinsics)
+    scene = SceneCloud(depth.astype(np.float64), intrinsics, segments.plane, limits, config.sensor)
     too_small = improbable = 0
     if regions is not None:
         found = [Region(mask, 1.0, "masks") for mask in regions]
@@ -115,7 +115,7 @@ def observe(
     else:
         examined = None
         if detector is not None:
-            examined = detector.examine(frame.color, depth, lens, segments.plane)
+            examined = detector.examine(frame.color, depth, intrinsics, segments.plane)
         every, too_small = _shown_regions(frame, depth, segments, examined, config)
         found = every if examined is None else rated_by_detector(every, examined, config)
         improbable = len(every) - len(found)

@@ -22,9 +22,9 @@ Depth = NDArray[np.float32]
 
 REST = "rest"  # source of the region of grasps on no other region
 SOURCES = "masks", "detector", "geometric", "color"  # the most certain first
-CONFINED = 0.6  # smallest share of a region within a segment that may complete the region
-MIN_STRIPS = 0.02  # smallest share of a detection outside of its segment that is cut off
-MARGIN = 21  # pixels, of the working size, by which masks of detections may be too small
+CONFINED = 0.6  # share of a region within a segment from which the segment may complete it
+MIN_STRIPS = 0.02  # smallest share of a detection in other segments that is cut off (D. 145)
+MIN_WIDTH = 21  # pixels, of the working size; a narrower rest is an error of detections
 
 
 @dataclass(frozen=True)
@@ -136,9 +136,9 @@ def _completed_by_depth(
 
 
 def _thick_parts(mask: Mask) -> list[Mask]:
-    """Return the parts (H, W) of `mask` (H, W) that are wider than a detection's error."""
+    """Return the parts (H, W) of `mask` (H, W) that are as wide as `MIN_WIDTH`."""
     box = box_of(mask)
-    size = MARGIN * working_step(mask.shape)
+    size = MIN_WIDTH * working_step(mask.shape)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
     cut = np.pad(mask[box].astype(np.uint8), size)
     thick = cv2.morphologyEx(cut, cv2.MORPH_OPEN, disc)[size:-size, size:-size]

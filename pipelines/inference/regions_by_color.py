@@ -109,7 +109,7 @@ class _ColorCompletion:
             return plane is not None
         at = at[:: max(1, len(at) // SAMPLE)]
         rows, columns = np.divmod(at, mask.shape[1])
-        z, lens = self.depth.ravel()[at].astype(np.float64), self.intrinsics
-        x, y = (columns - lens.cx) * z / lens.fx, (rows - lens.cy) * z / lens.fy
+        z, camera = self.depth.ravel()[at].astype(np.float64), self.intrinsics
+        x, y = (columns - camera.cx) * z / camera.fx, (rows - camera.cy) * z / camera.fy
         height = quantiles(plane.height(np.stack([x, y, z], axis=1)), 0.9)
         return bool(height < self.config.max_low * self.segments.least_height(float(median(z))))

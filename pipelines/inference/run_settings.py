@@ -75,7 +75,7 @@ class RunSettings:
 
     @property
     def uses_symmetry_critics(self) -> bool:
-        """Whether symmetries are fitted to the seen surface."""
+        """Whether symmetries are fitted to the seen surface, and critics judge the fits."""
         return self.uses_network and self.config.selection.symmetry.is_fitted
 
     @property
@@ -101,8 +101,8 @@ class RunSettings:
             raise ValueRangeError("--weights", "not given", made_by)
         return self.paths.peer
 
-    def weights(self) -> dict[str, str]:
-        """Return the digests of the used weights."""
+    def weight_digests(self) -> dict[str, str]:
+        """Return the digest of each used file of weights, by model."""
         paths, fits = self.paths, self.uses_symmetry_critics
         used = (
             ("detector", self.uses_detector, paths.detector, models.DETECTOR_BY),
@@ -116,8 +116,8 @@ class RunSettings:
             wanted.append(("peer", self.peer_weights, written_by(self.config.method)))
         return {name: digest(existing(path, made_by)) for name, path, made_by in wanted}
 
-    def other_inputs(self) -> dict[str, str]:
-        """Return the digests of the gripper, the user's masks and the workspace."""
+    def other_digests(self) -> dict[str, str]:
+        """Return the digests of the gripper, the user's masks and the workspace, by input."""
         others = {"gripper": gripper_digest(self.config.gripper)}
         if self.paths.masks is not None:
             others["masks"] = digest_tree(self.paths.masks, (".png",))

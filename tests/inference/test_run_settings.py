@@ -24,7 +24,7 @@ def test_masks_in_other_folders_are_other_inputs(tmp_path):
     (folder / "a" / "0.png").write_bytes(b"mask")
     paths = InferPaths(Path(), Path(), masks=folder)
     run = RunSettings(paths, InferConfig(), 0, "cpu", timings=False)
-    before = run.other_inputs()
-    assert run.other_inputs() == before
+    before = run.other_digests()
+    assert run.other_digests() == before
     (folder / "a").rename(folder / "b")
-    assert run.other_inputs()["masks"] != before["masks"]
+    assert run.other_digests()["masks"] != before["masks"]

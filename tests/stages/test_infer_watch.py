@@ -23,7 +23,7 @@ from pipelines.configs import InferConfig, WatchConfig
 from pipelines.errors import StaleOutputError, SymgraspError, WriteError
 from pipelines.grasp_files import grasps_file
 from pipelines.inference import following
-from pipelines.inference.side_by_side import MAX_THREADS
+from pipelines.inference.frame_workers import MAX_THREADS
 from pipelines.inference.watching import Clock
 from pipelines.runtime.batch import BatchOptions
 from symgrasp_cli.app import app

@@ -6,9 +6,9 @@ import pytest
 
 from pipelines.configs import InferConfig
 from pipelines.errors import SymgraspError
-from pipelines.inference import side_by_side as module
+from pipelines.inference import frame_workers as module
+from pipelines.inference.frame_workers import load_in_workers, options_for_frames
 from pipelines.inference.run_settings import InferPaths, RunSettings
-from pipelines.inference.side_by_side import load_in_workers, options_for_frames
 from pipelines.runtime.batch import CHOSEN, BatchOptions
 
 OPTIONS = BatchOptions(progress=False)

@@ -9,15 +9,20 @@ from pipelines.inference.run_settings import RunSettings
 from pipelines.runtime.batch import CHOSEN, BatchOptions
 from pipelines.runtime.clusters import CLUSTERS, workers_of
 
-MAX_THREADS = 4
-FRAMES_A_PROCESS = 8
+MAX_THREADS = 4  # of one process, which wait for Python's lock; chosen by eye
+FRAMES_A_PROCESS = 8  # at least, for a process that has to load all networks; chosen by eye
 
 
 def options_for_frames(options: BatchOptions, frames: int, device: str) -> BatchOptions:
     """Return `options` with the number of workers for `frames`, if the user gives none.
 
     Threads of one process wait for Python's lock a third of the time. With many frames on a CPU,
-    starting processes pays off: one process for every eight frames, up to `options.most_chosen`.
+    starting processes pays off: one for every `FRAMES_A_PROCESS`, up to `options.most_chosen`.
+
+    Args:
+        options: options of the batch, with the user's number of workers or `CHOSEN`.
+        frames: number of frames to process; 0 if they are yet to come.
+        device: device of the networks.
     """
     options = options.for_items(frames)
     if options.backend in CLUSTERS or options.workers > 1:

@@ -18,9 +18,9 @@ from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.inference.observation import Observation
 from pipelines.inference.plans import Plan
 from pipelines.inference.regions import REST, Region
+from pipelines.metrics.graspnet.graspnet_ap import NMS_ANGLE, NMS_DISTANCE
 
 MOST_GRASPS = 300  # of a frame
-NMS_DISTANCE, NMS_ANGLE = 0.03, float(np.radians(30.0))  # as in GraspNet-1Billion's benchmark
 MOST_COMPARED = 3000  # best grasps that enter non-maximum suppression
 ON_REGION = 0.03  # metres from a region's points to the midpoint of the contacts
 AS_GIVEN = np.zeros(1)  # radians: a compared method's grasps are not turned
@@ -79,7 +79,10 @@ def best_first(grasps: GraspPoses, score: Array, scene: SceneCloud) -> tuple[Gra
 
 
 def best_distinct(grasps: GraspPoses) -> Indices:
-    """Return the indices of up to `MOST_GRASPS` of `grasps`, best first, that are not alike."""
+    """Return the indices of up to `MOST_GRASPS` of `grasps`, best first, that are not alike.
+
+    The limits are those of GraspNet-1Billion's benchmark.
+    """
     return non_maximum_suppression(grasps, NMS_DISTANCE, NMS_ANGLE)[:MOST_GRASPS]
 
 

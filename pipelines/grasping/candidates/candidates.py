@@ -20,7 +20,7 @@ from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.grasping.symmetries.observed_frustum import in_observed_frustum
 
 DRAWS = 4000  # random pairs of points
-LEAST_COSINE = np.cos(0.7)  # of the angle between both normals and the line, radians
+LEAST_COSINE = np.cos(0.7)  # 0.7 rad, 40 degrees, between both normals and the line
 
 
 @dataclass(frozen=True)
@@ -114,11 +114,17 @@ def symmetric_candidates(
 def _best_images(
     points: Array, normals: Array, images: Array, real: Mask, widths: tuple[float, float]
 ) -> tuple[Indices, Array]:
-    """Return the index (n,) of the image in `images` (n, k, 3) for each of `points` (n, 3), or -1.
+    """Return the index (n,) of the best image of each of `points` (n, 3), -1 for none.
 
-    Also the cosine (n,), of either sign without it, between the point's normal and the line to the
-    image. `real` (n, k): images that the depth does not exclude. `widths`: the least and the
-    greatest distance of point and image, metres.
+    The best image has the largest cosine, without its sign, between the point's normal and the line
+    to the image; also these cosines (n,), 0 for none.
+
+    Args:
+        points: metres.
+        normals: (n, 3) unit.
+        images: (n, k, 3) counterparts of the points under k symmetries, metres.
+        real: (n, k) images that the depth does not exclude.
+        widths: the least and the greatest distance of point and image, metres.
     """
     narrow, wide = widths
     best, cosine = np.full(len(points), -1, np.int64), np.zeros(len(points))

@@ -26,7 +26,7 @@ THINNEST = 0.004  # metres, least depth of a slice behind the nearest point
 STEEP_APPROACH = 0.9  # cosine to the table's normal from which the table bounds the depth
 MAX_BOUNDARY = 72  # boundary points per slice
 MAX_PAIRS = 24  # pairs per slice
-PLACE = 4.0  # cells, side of a square with at most one pair's middle
+PLACE = 4.0  # cells, side of a square that holds the middle of one pair at most
 MIN_HOLDING = 0.8  # cosine of the contact angle, 37 degrees: friction of rubber pads is about 0.75
 ANGLES = np.radians([0.0, 20.0, -20.0, 40.0, -40.0])  # about the contact line
 HIDDEN_PENALTY = 0.3  # of the confidence that a boundary facing away is the object's end
@@ -213,14 +213,14 @@ def _holding_pairs(
     steep: Array,
     ends: Array,
     cell: float,
-    fitting: tuple[float, float],
+    widths: tuple[float, float],
 ) -> tuple[Indices, Array]:
     """Return the pairs (k, 2) of n boundary points that fingers hold, and their stability (k,).
 
-    `contact` (n, 2): cells; `ends` (n,): confidence that each point is the object's end; `fitting`:
+    `contact` (n, 2): cells; `ends` (n,): confidence that each point is the object's end; `widths`:
     the least and the greatest distance of a pair, metres.
     """
-    narrow, wide = fitting
+    narrow, wide = widths
     most = len(contact) * (len(contact) - 1) // 2
     pairs, stability, count = np.empty((most, 2), np.int64), np.empty(most), 0
     for i in range(len(contact)):

@@ -13,6 +13,7 @@ RADII = (0.006, 0.012)  # metres, radii of the patches about a contact
 NUM_POINTS = 1500  # of the region, at most, for measuring the patches
 CONTACT_REACH = 0.015  # metres within which the nearest point's normal is the contact's
 FARTHEST = 0.03  # metres, cap of the distance to the nearest point
+DISTANCE_SCALE = 30.0  # per metre: brings the distance near one
 ENOUGH = 30  # points in a patch; more add nothing
 
 OF_A_PATCH = ("alignment", "alignment_spread", "points")
@@ -72,7 +73,7 @@ def _patches(contacts: Array, closing: Array, points: Array, normals: Array) -> 
                 mean, spread, seen = _patch(facing, squared, count, radius)
                 columns[k, start], columns[k, start + 1], columns[k, start + 2] = mean, spread, seen
                 start += 3
-            columns[k, start] = 30.0 * np.sqrt(least)
+            columns[k, start] = DISTANCE_SCALE * np.sqrt(least)
             columns[k, start + 1] = opposed
     return columns
 

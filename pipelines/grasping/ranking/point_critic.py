@@ -1,8 +1,8 @@
 """Network over the points of a candidate: the probability that the candidate is correct.
 
-The plane critic (D. 80) and the grasp critic (D. 82) are such networks. Each point goes through
-shared layers; the maximum and the mean over the points go through further layers, together with
-numbers of the candidate itself. `symgrasp train-critic` learns the weights.
+The axis critic (D. 148), the plane critic (D. 80) and the grasp critic (D. 82) are such networks.
+Each point goes through shared layers; the maximum and the mean over the points go through further
+layers, together with numbers of the candidate itself. `symgrasp train-critic` learns the weights.
 
 `PointCritic.logits` defines the network once, for arrays of numpy and for tensors of torch.
 `PointCritic.fast_logits` is equal, for inference: compiled, without copies of shared features.

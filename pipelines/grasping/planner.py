@@ -33,14 +33,14 @@ from pipelines.grasping.ranking.ranking import (
     Critic,
     critic_score,
     non_maximum_suppression,
-    seen_score,
+    visible_eq8_score,
 )
 from pipelines.grasping.ranking.region_context import RegionContext
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 
 MIN_POINTS = 20  # fewer points show no surface
-MOST = 0.9  # of the region's points: share inside the radius for off-centre grasps
-OFF_CENTER = 0.5  # stability lost by a grasp at the region's rim
+MOST_INSIDE = 0.9  # share of a region's points within its radius
+OFF_CENTER = 0.5  # share of the stability that a grasp at this radius or beyond loses
 
 
 @dataclass(frozen=True)
@@ -162,7 +162,7 @@ class RegionPlanner:
             return found
         visible = visible_fraction(found.grasps, self.gripper, feasibility.scene)
         if self.critic is None:
-            score = seen_score(found, visible, self.config.ranking)
+            score = visible_eq8_score(found, visible, self.config.ranking)
         else:
             features = GraspFeatures(found, stability, visible, context)
             score = critic_score(features, self.critic, self.config.ranking)
@@ -185,6 +185,6 @@ class RegionPlanner:
 def _centeredness(grasps: GraspPoses, region: RegionCloud) -> Array:
     """Return the nearness (n,) of grasps to the region's middle: 1 there, less toward the rim."""
     center = region.middle
-    radius = quantiles(np.linalg.norm(region.points - center, axis=1), MOST)
+    radius = quantiles(np.linalg.norm(region.points - center, axis=1), MOST_INSIDE)
     off = np.linalg.norm(grasps.translation - center, axis=1) / max(float(radius), 1e-3)
     return np.asarray(1.0 - OFF_CENTER * np.minimum(off, 1.0))

@@ -15,6 +15,7 @@ from pipelines.geometry.transforms import unit
 from pipelines.grasping.feasibility.collision import Obstacles
 from pipelines.grasping.feasibility.image_border import Sides, measured_sides
 from pipelines.grasping.feasibility.limits import Limits
+from pipelines.tabletop.levelling import UNKNOWN_UP
 from pipelines.tabletop.organized import smooth_normals
 from pipelines.tabletop.regions.pieces import box_of
 
@@ -63,7 +64,7 @@ class SceneCloud:
         return (self.depth > 0) & (self.depth < MAX_RANGE) & ~self.stray
 
     @cached_property
-    def coarse(self) -> Obstacles:
+    def coarse_obstacles(self) -> Obstacles:
         """The points of every `STRIDE`-th pixel each way, except strays and points on the table."""
         some = (slice(STRIDE // 2, None, STRIDE),) * 2
         points = self.xyz[some][self.near[some]]
@@ -75,6 +76,11 @@ class SceneCloud:
     def sides(self) -> Sides:
         """First and last measured column, and row."""
         return measured_sides(self.depth)
+
+    @property
+    def up(self) -> Array:
+        """Unit direction (3,) away from the table; without a plane that of a usual camera."""
+        return UNKNOWN_UP if self.plane is None else self.plane.normal
 
     @property
     def inward(self) -> Array | None:

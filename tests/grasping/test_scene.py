@@ -28,8 +28,8 @@ def test_the_view_ray_leads_to_the_middle_of_the_region():
 def test_all_that_a_gripper_may_meet_is_an_obstacle_at_any_distance_of_a_region():
     for farther in (0.0, 2.5):
         depth = np.where(SCENE.depth > 0, SCENE.depth + farther, 0.0)
-        obstacles = SceneCloud(depth, CAMERA).coarse.points
-        assert len(obstacles) == len(SceneCloud(SCENE.depth, CAMERA).coarse.points) > 0
+        obstacles = SceneCloud(depth, CAMERA).coarse_obstacles.points
+        assert len(obstacles) == len(SceneCloud(SCENE.depth, CAMERA).coarse_obstacles.points) > 0
 
 
 @pytest.mark.parametrize(("step", "is_stray"), [(0.011, False), (0.013, True), (-0.013, True)])
@@ -44,7 +44,7 @@ def test_a_pixel_more_than_12_mm_from_its_neighbours_is_stray(step, is_stray):
 def test_the_coarse_obstacles_stand_for_all_pixels():
     camera = replace(CAMERA, width=300)  # a multiple of three
     wall = SceneCloud(np.full((240, 300), 0.7), camera)
-    assert wall.coarse.count.sum() == 240 * 300
+    assert wall.coarse_obstacles.count.sum() == 240 * 300
 
 
 def test_the_ray_is_found_without_a_table():

@@ -110,7 +110,7 @@ class Feasibility:
         if not self.config.approach_distance > 0.0:
             return free
         swept = self.gripper.swept(self.config.approach_distance)
-        for obstacles in (self.around.all, self.scene.coarse):
+        for obstacles in (self.around.all, self.scene.coarse_obstacles):
             left = np.flatnonzero(free)
             met, _ = bodies_meet(grasps[left], swept, obstacles, self.config)
             free[left] = ~met

@@ -32,7 +32,7 @@ FINGER_BAND, BEHIND, BEYOND, BESIDE = 0.011, -0.04, 0.03, 0.01  # metres, space 
 class GraspPointFeature(IntEnum):
     """Columns of the features of a point."""
 
-    ALONG_APPROACH = 0  # half decimetres, as the next two
+    ALONG_APPROACH = 0  # 5 centimetres, as the next two
     ALONG_CLOSING = auto()
     ALONG_BINORMAL = auto()
     BEYOND_CONTACT = auto()  # 2 centimetres along closing, positive outside of the fingers
@@ -108,10 +108,13 @@ def _along_axes(name: str, axes: int = 3) -> tuple[str, ...]:
     return tuple(f"{name}_{axis}" for axis in ("approach", "closing", "binormal")[:axes])
 
 
-# Features that are computed together: their names, and their columns (k, names).
+# Features that are computed together: their names, and their columns (k, names). Factors bring
+# lengths in metres, and numbers of points, near one.
 CANDIDATE_BLOCKS: dict[tuple[str, ...], Callable[[GraspFeatures], Array | Singles | Mask]] = {
     ("width",): lambda f: 10.0 * f.feasible.grasps.width,
-    _along_axes("up"): lambda f: np.einsum("kia,i->ka", f.feasible.grasps.rotation, f.context.up),
+    _along_axes("up"): lambda f: np.einsum(
+        "kia,i->ka", f.feasible.grasps.rotation, f.context.scene.up
+    ),
     _along_axes("view", 2): lambda f: np.einsum(
         "kia,ki->ka", f.feasible.grasps.rotation[..., :2], unit(f.feasible.grasps.translation)
     ),
@@ -237,7 +240,7 @@ def _nearest_rows(
 
 
 def _extent(grasps: GraspPoses, region: RegionCloud) -> Array:
-    """Return mean, spread and middle of the region (k, 9), half decimetres, grasp frame.
+    """Return mean, spread and middle of the region (k, 9), in 5 centimetres, grasp frame.
 
     The mean is relative to the middle, the middle relative to the midpoint of the contacts.
     """

@@ -27,11 +27,11 @@ def expected_quality(network: PointCritic, features: GraspFeatures) -> Array:
     return network.probability(features.points(), candidates[:, :0], candidates)
 
 
-def seen_score(found: RankedGrasps, visible: Array, config: RankingConfig) -> Array:
-    """Return s of Eq. 8 (n,), reduced in unseen space.
+def visible_eq8_score(found: RankedGrasps, visible: Array, config: RankingConfig) -> Array:
+    """Return s of Eq. 8 (n,), reduced where the space around the finger tips is unseen (D. 68).
 
-    Eq. 8 uses seen points only. The object's unseen side may be in unseen space, so the score is
-    weighted by the visible fraction `visible` (n,) of the space around the finger tips (D. 68).
+    Eq. 8 uses seen points only, but the object's unseen side may be in unseen space. `visible`:
+    (n,) visible fraction.
     """
     s = eq8_score(found.clearance, found.enclosed_height, config)
     return np.asarray(s * (1.0 - config.weight_unseen * (1.0 - visible)))
@@ -48,7 +48,7 @@ def eq8_score(clearance: ArrayLike, enclosed_height: ArrayLike, config: RankingC
 def critic_score(features: GraspFeatures, critic: Critic, config: RankingConfig) -> Array:
     """Return the expected quality (k,), reduced by the torque of the weight (D. 143)."""
     context = features.context
-    arm = torque_arm(features.feasible.grasps, context.center, context.up)
+    arm = torque_arm(features.feasible.grasps, context.center, context.scene.up)
     return np.asarray(critic(features) / (1.0 + (arm / config.half_torque_arm) ** 2))
 
 

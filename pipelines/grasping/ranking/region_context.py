@@ -8,7 +8,6 @@ import numpy as np
 from pipelines.array_types import Array, Singles
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasping.scene import RegionCloud, SceneCloud
-from pipelines.tabletop.levelling import UNKNOWN_UP
 
 MEASURED, HIDDEN, FOREIGN = 400, 200, 150  # most points of each kind to choose from
 HEIGHTS = (-0.05, 0.3)  # metres above the table
@@ -31,11 +30,6 @@ class RegionContext:
     symmetries: SymmetrySlots
     hidden: Array
     foreign: Array
-
-    @cached_property
-    def up(self) -> Array:
-        """Unit direction (3,) away from the table."""
-        return UNKNOWN_UP if self.scene.plane is None else self.scene.plane.normal
 
     @cached_property
     def center(self) -> Array:

@@ -29,7 +29,6 @@ from pipelines.grasping.symmetries.observed_frustum import in_observed_frustum
 from pipelines.grasping.symmetries.plane_candidates import ENDS, NETWORK, SHAPE
 from pipelines.grasping.symmetries.plane_evidence import SAME_FIT
 from pipelines.grasping.symmetries.region_evidence import RegionEvidence
-from pipelines.tabletop.levelling import UNKNOWN_UP
 
 # All chosen by eye; the shipped weights were trained with these values.
 STRIDE = 4  # every STRIDE-th point is turned about each axis
@@ -154,8 +153,7 @@ def _lines(fitted: FittedAxes, region: RegionEvidence) -> tuple[Array, Array]:
 
     The axis of a sphere is upright through its centre. Axes point to the longer end of the region.
     """
-    top = UNKNOWN_UP if region.scene.plane is None else region.scene.plane.normal
-    axis = np.array([*(each.axis for each in fitted.axes), top])
+    axis = np.array([*(each.axis for each in fitted.axes), region.scene.up])
     point, middle = np.array([each.point for each in fitted.symmetries]), region.points.mean(axis=0)
     foot = point + np.einsum("ki,ki->k", middle - point, axis)[:, None] * axis
     foot[-1] = fitted.sphere.point

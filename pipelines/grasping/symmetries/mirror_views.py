@@ -19,7 +19,6 @@ from pipelines.geometry.symmetry import ReflectionSymmetry
 from pipelines.geometry.transforms import cross, unit
 from pipelines.grasping.scene import SceneCloud
 from pipelines.grasping.symmetries.plane_candidates import ENDS
-from pipelines.tabletop.levelling import UNKNOWN_UP
 
 Projected = tuple[Indices, Mask, Array, Mask]
 
@@ -143,11 +142,10 @@ def _plane_axes(
     The normal points to the side with most of the seen surface.
     """
     middle = mirrored.points.mean(axis=0)
-    top = UNKNOWN_UP if scene.plane is None else scene.plane.normal
     normal = np.array([plane.normal for plane in planes])
     at = np.array([plane.point for plane in planes])
     normal = np.where(mirrored.sides[:, 1] >= 0, 1.0, -1.0)[:, None] * normal
-    up = top - (normal @ top)[:, None] * normal
+    up = scene.up - (normal @ scene.up)[:, None] * normal
     ray = unit(middle)
     level = np.sqrt(np.einsum("ki,ki->k", up, up)) < LEVEL
     up = unit(np.where(level[:, None], ray - (normal @ ray)[:, None] * normal, up))

@@ -32,7 +32,7 @@ def obstacle(*points):
 def free(grasps, near, far=NOTHING, gripper=None, config=CONFIG):
     """Return whether paths are free of the points `near` a region and `far` from it."""
     scene = SceneCloud(np.zeros((240, 320)), CAMERA)
-    scene.__dict__["coarse"] = far
+    scene.__dict__["coarse_obstacles"] = far
     around = Surroundings(near, NOTHING, np.zeros(3), 1.0, None)
     checks = Feasibility(gripper or load_gripper("rg2"), scene, around, None, config)
     return checks.has_free_path(grasps)

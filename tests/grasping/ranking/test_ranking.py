@@ -11,7 +11,12 @@ from pipelines.configs import RankingConfig
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.ranking.grasp_features import GraspFeatures
-from pipelines.grasping.ranking.ranking import critic_score, eq8_score, seen_score, torque_arm
+from pipelines.grasping.ranking.ranking import (
+    critic_score,
+    eq8_score,
+    torque_arm,
+    visible_eq8_score,
+)
 from tests.grasping.ranking.test_grasp_features import KNOWN, hands
 
 CONFIG = RankingConfig()
@@ -37,7 +42,7 @@ def test_unseen_space_at_the_finger_tips_lowers_the_score():
     grasps = GraspPoses(np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 3)), np.full(2, 0.05))
     b, h = np.array([0.02, 0.05]), np.array([0.01, 0.03])
     found = RankedGrasps(grasps, b, np.zeros(2, int), np.array(["planar"] * 2), b, h, b)
-    seen, unseen = (seen_score(found, np.full(2, share), CONFIG) for share in (1.0, 0.0))
+    seen, unseen = (visible_eq8_score(found, np.full(2, share), CONFIG) for share in (1.0, 0.0))
     np.testing.assert_allclose(seen, eq8_score(b, h, CONFIG))
     np.testing.assert_allclose(unseen, (1.0 - CONFIG.weight_unseen) * seen)
 
@@ -67,7 +72,7 @@ def test_a_weight_at_half_torque_arm_halves_the_expected_quality():
     aside = found.grasps.translation + 0.02 * found.grasps.binormal
     grasps = GraspPoses(found.grasps.rotation, aside, found.grasps.width)
     found = replace(found, grasps=grasps)
-    arm = torque_arm(found.grasps, KNOWN.center, KNOWN.up)[0]
+    arm = torque_arm(found.grasps, KNOWN.center, KNOWN.scene.up)[0]
     features = GraspFeatures(found, np.ones(1), np.ones(1), KNOWN)
     for share, half in ((0.5, arm), (0.8, 2.0 * arm)):
         score = critic_score(features, even, replace(CONFIG, half_torque_arm=half))

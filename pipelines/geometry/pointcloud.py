@@ -1,4 +1,4 @@
-"""Planes of point clouds, and thinning of clouds; metres, any frame."""
+"""Planes of point clouds, and choices of their points; metres, any frame."""
 
 from dataclasses import dataclass
 
@@ -23,6 +23,17 @@ class Plane:
     def facing(self, viewpoint: ArrayLike) -> "Plane":
         """Return the same plane with its normal toward `viewpoint` (3,)."""
         return self if self.height(viewpoint) >= 0 else Plane(-self.normal, -self.offset)
+
+
+def drawn_indices(available: int, count: int, rng: np.random.Generator) -> Indices:
+    """Return the indices (count,) of points drawn from `available` points, in random order.
+
+    No point is drawn twice, unless there are fewer than `count`: then all are drawn, some again.
+    """
+    chosen = rng.permutation(available)[:count]
+    if available < count:
+        chosen = np.concatenate([chosen, rng.integers(available, size=count - available)])
+    return chosen
 
 
 def voxel_downsample(points: ArrayLike, size: float) -> Indices:

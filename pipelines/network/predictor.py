@@ -13,7 +13,7 @@ from torch import Tensor
 from pipelines.array_types import Array, Floats, Singles
 from pipelines.configs import NetworkConfig
 from pipelines.errors import ValueRangeError
-from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.pointcloud import Plane, drawn_indices
 from pipelines.network.cpu.cloudwise import threads_of_one_core
 from pipelines.network.cpu.folding import folded
 from pipelines.network.devices import find_device
@@ -146,8 +146,4 @@ class GraspPredictor:
             )
         if not np.isfinite(points).all():
             raise ValueRangeError("a region's points", "not finite", "finite, metres")
-        rng, count = np.random.default_rng(0), self.config.num_points
-        chosen = rng.permutation(len(points))[:count]
-        if len(points) < count:
-            chosen = np.concatenate([chosen, rng.integers(len(points), size=count - len(points))])
-        return chosen
+        return drawn_indices(len(points), self.config.num_points, np.random.default_rng(0))

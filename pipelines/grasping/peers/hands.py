@@ -10,7 +10,7 @@ import numpy as np
 
 from pipelines.array_types import Array, Indices, Mask, Singles
 from pipelines.geometry.numerics.compiled import compiled
-from pipelines.geometry.pointcloud import voxel_downsample
+from pipelines.geometry.pointcloud import drawn_indices, voxel_downsample
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.peers.rectangles import contact_width
@@ -103,10 +103,7 @@ def free_hands(
 
 def drawn_points(points: Array, count: int, rng: np.random.Generator) -> Singles:
     """Return `count` random `points` (n, 3); for smaller n, all points with repetitions."""
-    chosen = rng.permutation(len(points))[:count]
-    if len(points) < count:
-        chosen = np.concatenate([chosen, rng.integers(len(points), size=count - len(points))])
-    return points[chosen].astype(np.float32)
+    return points[drawn_indices(len(points), count, rng)].astype(np.float32)
 
 
 @compiled

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from pipelines.array_types import Singles
 from pipelines.dataset.graspnet.graspnet_views import generate_views, view_rotations
+from pipelines.geometry.pointcloud import drawn_indices
 from pipelines.geometry.transforms import rotation_about
 from pipelines.learning.peers.graspnet_labels import LEVELS, STORED_PER_METRE, UNITS, VIEW_CELLS
 from pipelines.learning.peers.peer import Arrays
@@ -55,9 +56,7 @@ def labelled_scene(
     R = rotation_about(frame["up"].astype(np.float64), turn)
     cloud = frame["cloud"] / UNITS
     middle = cloud.mean(axis=0)
-    chosen = rng.permutation(len(cloud))[:count]
-    if len(cloud) < count:
-        chosen = np.concatenate([chosen, rng.integers(len(cloud), size=count - len(cloud))])
+    chosen = drawn_indices(len(cloud), count, rng)
     labelled = np.sort(rng.permutation(len(frame["points"]))[:MOST_LABELLED])
     dense = _dense_cells(frame, labelled)
     turns = R @ frame["turns"].astype(np.float64)

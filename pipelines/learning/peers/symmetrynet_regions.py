@@ -18,6 +18,7 @@ from pipelines.configs.peers import PeerNetworkConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_layout import FrameFiles
 from pipelines.dataset.training.region_frames import read_region_frame
+from pipelines.geometry.pointcloud import drawn_indices
 from pipelines.geometry.symmetry import NUM_SLOTS, SymmetrySlots
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.learning.peers.peer import KEPT, Arrays, read_peer_frame
@@ -226,10 +227,7 @@ def _some(
     region: LabelledCrop, count: int, rng: np.random.Generator
 ) -> tuple[Singles, NDArray[np.uint8]]:
     """Return `count` points of a region and their pixels, some twice if there are fewer."""
-    chosen = rng.permutation(len(region.points))[:count]
-    if len(chosen) < count:
-        more = rng.integers(len(region.points), size=count - len(chosen))
-        chosen = np.concatenate([chosen, more])
+    chosen = drawn_indices(len(region.points), count, rng)
     return region.points[chosen], region.crop.pixels[chosen]
 
 

@@ -21,12 +21,11 @@ from pipelines.network.cpu.folding import folded
 from pipelines.network.cpu.roi_align import ChannelsLastRoIAlign
 from pipelines.network.detection.mask_rcnn import build_detector
 from pipelines.network.devices import find_device
+from pipelines.network.imagenet import IMAGENET_MEAN, IMAGENET_STD
 from pipelines.network.weights_files import fill, read_weights
 from pipelines.tabletop.depth_channels import SmallFrame, depth_channels, find_plane, shrink
 
 MODEL_NAME = "RegionDetector"
-COLOR_MEAN = (0.485, 0.456, 0.406)  # ImageNet's values, used in the training of COCO weights
-COLOR_STD = (0.229, 0.224, 0.225)
 
 
 @dataclass(frozen=True)
@@ -180,7 +179,7 @@ def detector_image(frame: SmallFrame, plane: Plane, kind: str) -> Tensor:
     """
     parts: list[Singles] = []
     if kind in {"color", "both"}:
-        normalised = (frame.color / 255.0 - np.array(COLOR_MEAN)) / np.array(COLOR_STD)
+        normalised = (frame.color / 255.0 - np.array(IMAGENET_MEAN)) / np.array(IMAGENET_STD)
         parts.append(np.ascontiguousarray(np.moveaxis(normalised, -1, 0), np.float32))
     if kind in {"geometry", "both"}:
         parts.append(depth_channels(frame.depth, frame.intrinsics, plane))

@@ -16,7 +16,14 @@ from torchvision.ops import MultiScaleRoIAlign
 
 from pipelines.configs.peers import PeerNetworkConfig
 from pipelines.network.detection.backbone import LightBackbone
-from pipelines.network.detection.mask_rcnn import ANCHOR_SIZES, adapt, light_box_head
+from pipelines.network.detection.mask_rcnn import (
+    ANCHOR_SIZES,
+    ASPECT_RATIOS,
+    LIGHT_HIDDEN,
+    LIGHT_WIDTH,
+    adapt,
+    light_box_head,
+)
 
 ORIENTATIONS = 20  # outputs: no grasp, and 19 orientations; the last equals the first
 RGD = 3  # channels
@@ -25,8 +32,6 @@ LONG_SIDES = {"light": 512, "full": 1000}
 MIN_SCORE = 0.01  # least score of a grasp; the original has 0 for its precision, 0.1 in use
 MOST_GRASPS_FOUND = 400
 SAME_CLASS_OVERLAP = 0.3  # overlap of horizontal boxes beyond which the weaker is dropped
-RATIOS = (0.5, 1.0, 2.0)
-LIGHT_CHANNELS, LIGHT_HEAD = 64, 256
 
 
 def build_multi_grasp(config: PeerNetworkConfig) -> FasterRCNN:
@@ -39,16 +44,16 @@ def build_multi_grasp(config: PeerNetworkConfig) -> FasterRCNN:
 def _light() -> FasterRCNN:
     names = ["0", "1", "2", "3"]
     return FasterRCNN(
-        LightBackbone(RGD, LIGHT_CHANNELS),
-        rpn_anchor_generator=AnchorGenerator(ANCHOR_SIZES, (RATIOS,) * len(ANCHOR_SIZES)),
+        LightBackbone(RGD, LIGHT_WIDTH),
+        rpn_anchor_generator=AnchorGenerator(ANCHOR_SIZES, (ASPECT_RATIOS,) * len(ANCHOR_SIZES)),
         rpn_pre_nms_top_n_train=1000,
         rpn_pre_nms_top_n_test=1000,
         rpn_post_nms_top_n_train=400,
         rpn_post_nms_top_n_test=300,
         rpn_batch_size_per_image=128,
         box_roi_pool=MultiScaleRoIAlign(names, output_size=7, sampling_ratio=2),
-        box_head=light_box_head(LIGHT_CHANNELS * 7 * 7, LIGHT_HEAD),
-        box_predictor=FastRCNNPredictor(LIGHT_HEAD, ORIENTATIONS),
+        box_head=light_box_head(LIGHT_WIDTH * 7 * 7, LIGHT_HIDDEN),
+        box_predictor=FastRCNNPredictor(LIGHT_HIDDEN, ORIENTATIONS),
         box_batch_size_per_image=96,
         box_score_thresh=MIN_SCORE,
         box_nms_thresh=SAME_CLASS_OVERLAP,
@@ -62,8 +67,8 @@ def _full() -> FasterRCNN:
     last[0].conv2.stride = last[0].downsample[0].stride = (1, 1)  # regions come at 7 x 7
     return FasterRCNN(
         _FourStages(network),
-        rpn_anchor_generator=AnchorGenerator(((128, 256, 512),), (RATIOS,)),
-        rpn_head=_ProposalHead(1024, 512, 3 * len(RATIOS)),
+        rpn_anchor_generator=AnchorGenerator(((128, 256, 512),), (ASPECT_RATIOS,)),
+        rpn_head=_ProposalHead(1024, 512, 3 * len(ASPECT_RATIOS)),
         rpn_pre_nms_top_n_train=12000,
         rpn_pre_nms_top_n_test=6000,
         rpn_post_nms_top_n_train=2000,

@@ -6,10 +6,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from pipelines.array_types import Singles
+from pipelines.network.imagenet import IMAGENET_MEAN, IMAGENET_STD
 
 NEAREST, RANGE = 0.2, 1.2  # metres: depths from NEAREST to NEAREST + RANGE map to 0 to 255
-# ImageNet's, from torchvision: the published network starts from ImageNet weights.
-MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
 
 def rgd_pixels(color: NDArray[np.uint8], depth: Singles) -> NDArray[np.uint8]:
@@ -20,6 +19,9 @@ def rgd_pixels(color: NDArray[np.uint8], depth: Singles) -> NDArray[np.uint8]:
 
 
 def rgd_tensor(pixels: NDArray[np.uint8]) -> Tensor:
-    """Return the network's input (3, h, w) of `rgd_pixels` (h, w, 3)."""
+    """Return the network's input (3, h, w) of `rgd_pixels` (h, w, 3).
+
+    It is normalised like colours: the published network starts from ImageNet weights.
+    """
     values = torch.from_numpy(np.ascontiguousarray(pixels)).to(torch.float32) / 255.0
-    return ((values - torch.tensor(MEAN)) / torch.tensor(DEVIATION)).permute(2, 0, 1)
+    return ((values - torch.tensor(IMAGENET_MEAN)) / torch.tensor(IMAGENET_STD)).permute(2, 0, 1)

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from pipelines.array_types import Indices, Mask
+from pipelines.network.imagenet import IMAGENET_MEAN, IMAGENET_STD
 
 CROP_SIDE = 120  # pixels; a multiple of 40 as in the original, but the same for all regions
 MARGIN = 0.1  # margin on each side, as a share of the region's longer side
-IMAGE_MEAN, IMAGE_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet
 
 
 @dataclass(frozen=True)
@@ -66,5 +66,5 @@ def normalised_colors(
     if jitter is not None:
         changed = torch.einsum("bij,bjhw->bihw", jitter[..., :3], colors)
         colors = (changed + jitter[..., 3, None, None]).clamp(0.0, 1.0)
-    mean, std = (colors.new_tensor(each)[:, None, None] for each in (IMAGE_MEAN, IMAGE_STD))
+    mean, std = (colors.new_tensor(each)[:, None, None] for each in (IMAGENET_MEAN, IMAGENET_STD))
     return (colors - mean) / std

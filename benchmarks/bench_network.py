@@ -24,7 +24,7 @@ from pipelines.network.detection.detector import detector_image
 from pipelines.network.detection.mask_rcnn import build_detector
 from pipelines.network.losses import NUM_ERROR_POINTS
 from pipelines.network.model import SymmetryGraspNet
-from pipelines.network.regions import RegionBatch
+from pipelines.network.region_batch import RegionBatch
 from pipelines.network.weights_files import read_weights
 from pipelines.tabletop.depth_channels import find_plane
 from tests.network.plain_network import PlainNetwork

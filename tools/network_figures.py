@@ -22,7 +22,7 @@ from pipelines.learning.grasp_network.region_sources import RegionSet, TrainingR
 from pipelines.learning.loop.loaders import load_regions
 from pipelines.network.augmentation import scaled_copy
 from pipelines.network.model import UNITS_PER_METER, SymmetryGraspNet
-from pipelines.network.regions import RegionBatch
+from pipelines.network.region_batch import RegionBatch
 from pipelines.network.weights_files import fill, read_weights
 
 

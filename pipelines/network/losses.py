@@ -19,7 +19,7 @@ from pipelines.network.dense_error import (
 )
 from pipelines.network.matching import NUM_REFLECTIONS, match_reflections
 from pipelines.network.model import Prediction
-from pipelines.network.regions import RegionBatch
+from pipelines.network.region_batch import RegionBatch
 
 # All constants here are chosen by eye.
 # Added to the predicted affordance before Eq. 7 weights by it: a fresh network predicts 0.

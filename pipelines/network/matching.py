@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from pipelines.network.dense_error import reflection_errors
-from pipelines.network.regions import RegionBatch
+from pipelines.network.region_batch import RegionBatch
 
 NUM_REFLECTIONS = 3
 MAX_MATCHED = 96  # approximate number of points that vote on the assignment; chosen by eye

@@ -25,6 +25,7 @@ TYPICAL_SPREAD = 0.25  # decimetres, root mean square along an axis, of a cloud 
 MIN_SPREAD = 0.01  # decimetres; flat clouds stay flat
 POWER_GAIN = 10.0  # lets one weight learn the power as fast as many learn a regressed number
 IDENTITY_6D = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+HIDDEN = 64  # width of the hidden layers
 MAX_GROUPS, GROUP_SIZE = 64, 16  # groups of the point convolution
 
 
@@ -78,14 +79,14 @@ class Deformation:
 class PIFT(nn.Module):
     """F^PIFT of Eq. 3: from points and their features to a deformation, the identity at first."""
 
-    def __init__(self, feature_dim: int, hidden: int = 64) -> None:
+    def __init__(self, feature_dim: int) -> None:
         super().__init__()
         self.encode = nn.Sequential(
-            nn.Linear(3 + feature_dim, hidden), nn.ReLU(), nn.Linear(hidden, hidden)
+            nn.Linear(3 + feature_dim, HIDDEN), nn.ReLU(), nn.Linear(HIDDEN, HIDDEN)
         )
-        self.norm = nn.LayerNorm(hidden)
-        self.hidden = nn.Linear(hidden, hidden)
-        self.regress = _regression(hidden)
+        self.norm = nn.LayerNorm(HIDDEN)
+        self.hidden = nn.Linear(HIDDEN, HIDDEN)
+        self.regress = _regression()
         self.power = nn.Parameter(torch.zeros(()))  # power of the spread, divided by POWER_GAIN
 
     def forward(
@@ -116,9 +117,9 @@ class ConvolutionPIFT(nn.Module):
         super().__init__()
         groups = max(1, min(MAX_GROUPS, num_points // 4))
         neighbors = min(GROUP_SIZE, num_points)
-        self.convolution = SetAbstraction(feature_dim, (32, 64, 64), groups, neighbors)
-        self.hidden = nn.Linear(64, 64)
-        self.regress = _regression(64)
+        self.convolution = SetAbstraction(feature_dim, (32, 64, HIDDEN), groups, neighbors)
+        self.hidden = nn.Linear(HIDDEN, HIDDEN)
+        self.regress = _regression()
 
     def forward(
         self,
@@ -132,9 +133,9 @@ class ConvolutionPIFT(nn.Module):
         return Deformation(rotation_from_6d(output[:, :6]), scale, points.mean(1))
 
 
-def _regression(hidden: int) -> nn.Linear:
+def _regression() -> nn.Linear:
     """Return a layer that regresses rotation and scale and gives the identity at first."""
-    layer = nn.Linear(hidden, 9)
+    layer = nn.Linear(HIDDEN, 9)
     nn.init.zeros_(layer.weight)
     with torch.no_grad():
         layer.bias.copy_(torch.tensor([*IDENTITY_6D, 0.0, 0.0, 0.0]))

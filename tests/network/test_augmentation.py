@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pipelines.configs import AugmentationConfig
 from pipelines.network import augmentation
-from pipelines.network.regions import RegionBatch
+from pipelines.network.region_batch import RegionBatch
 from tests.network.toy_regions import toy_batch
 
 seeds = st.integers(0, 2**31 - 1)

@@ -9,7 +9,7 @@ from pipelines.configs import TrainConfig
 from pipelines.geometry.symmetry import SPHERE_SLOT
 from pipelines.network import losses
 from pipelines.network.model import Prediction
-from pipelines.network.regions import RegionBatch
+from pipelines.network.region_batch import RegionBatch
 from tests.network.toy_regions import toy_batch
 
 CONFIG = TrainConfig()

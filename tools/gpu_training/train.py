@@ -18,7 +18,7 @@ from pipelines.learning.loop.loop import CLIP_NORM, LOG_SECONDS
 from pipelines.network import augmentation, pointnet2, sampling
 from pipelines.network.losses import NUM_ERROR_POINTS
 from pipelines.network.model import SymmetryGraspNet
-from pipelines.network.regions import RegionBatch
+from pipelines.network.region_batch import RegionBatch
 from pipelines.network.weights_files import weights_metadata, widened
 from pipelines.storage.checkpoints import load_weights, save_weights
 from tools.gpu_training.rendering import RegionRing, Renderers

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from pipelines.array_types import Array, Indices
 from pipelines.grasping.peers.rectangles import angles, opening_pixels, rectangle_rows
 
-NUM_CLASSES = 20  # in the published network: no grasp, and 19 orientations
 NUM_ORIENTATIONS = 18  # distinct orientations
 CLASS_DEGREES = 10.0
 

@@ -21,7 +21,7 @@ from pipelines.network.augmentation import augment, scaled_copy
 from pipelines.network.cpu.folding import folded
 from pipelines.network.losses import NUM_ERROR_POINTS, total_loss
 from pipelines.network.model import SymmetryGraspNet
-from pipelines.network.regions import RegionBatch
+from pipelines.network.region_batch import RegionBatch
 from pipelines.network.sampling import gather
 from pipelines.network.weights_files import fill
 

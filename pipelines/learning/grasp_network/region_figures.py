@@ -13,7 +13,7 @@ from pipelines.network.dense_error import reflection_errors, reflection_extent
 from pipelines.network.matching import NUM_REFLECTIONS, match_reflections
 from pipelines.network.model import Prediction
 from pipelines.network.predictor import VOTING_STRIDE
-from pipelines.network.regions import RegionBatch
+from pipelines.network.region_batch import RegionBatch
 
 GRASPABLE = 0.5  # least affordance of a grasped point (Sec. III-E)
 HIT = EvaluateConfig.symmetry_thresholds[0]  # dense error below which a plane is found, D. 11

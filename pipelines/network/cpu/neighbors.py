@@ -17,7 +17,7 @@ from pipelines.network.cpu.cloudwise import each_cloud
 
 NO_PLACE = np.int32(np.iinfo(np.int32).max)
 TRIES = 6  # to find a distance with as many points as needed within it, and few more
-FEW = 8
+FEW = 8  # points more than needed within such a distance
 
 
 def fast_farthest_points(

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from pipelines.network.sampling import gather, three_nearest
 
-FEW = 1e-8  # metres, keeps weights finite
+SMALLEST = 1e-8  # metres, keeps weights finite if a query is one of the points
 
 
 @torch.no_grad()
@@ -45,6 +45,6 @@ def interpolated(
     """Return features (B, M, C) of the three nearest points, weighted by inverse distance."""
     with torch.no_grad():
         index, squared = three_nearest(queries, points)
-        weight = 1.0 / (squared.clamp(min=0.0).sqrt() + FEW)
+        weight = 1.0 / (squared.clamp(min=0.0).sqrt() + SMALLEST)
         weight = weight / weight.sum(-1, keepdim=True)
     return (gather(features, index) * weight[..., None]).sum(2)

@@ -1,10 +1,10 @@
 """SymmetryNet: at each point of a region, its mirror images, its foot on the axis, the centre.
 
-Shi et al.: SymmetryNet, SIGGRAPH Asia 2020. Layers are as in the authors' release, with a PSPNet on
-ResNet-18 without batch norms for colours, but for 72,060 of its 24,728,510 parameters: the unused
-classifier of PSPNet (71,189) and the weights of points by their index (1,000; here a mean) are left
-out, and the fourth mode, the sphere, is ours (129). The light variant has a small network for
-colours and heads of half the width. Points are relative to their mean; points and offsets are in
+Shi et al.: SymmetryNet, SIGGRAPH Asia 2020. Layers are as in the authors' release of 24,728,510
+parameters, with a PSPNet on ResNet-18 without batch norms for colours. Two parts are left out, the
+unused classifier of PSPNet (71,189) and the weights of points by their index (1,000; here a mean);
+the fourth mode, the sphere, is added (129). The light variant has a small network for colours and
+heads of half the width. Points are relative to their mean; points and offsets are in
 units of an object's size, where the original has metres in the camera frame.
 """
 

@@ -34,8 +34,7 @@ from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.grasping.symmetries.completion import completions
 from pipelines.inference import models
 from pipelines.inference.observation import observe
-
-NUM_POINTS = 1500  # points of a region with affordance, as many as the network's
+from pipelines.inference.predicted_regions import NUM_REGION_POINTS
 
 
 @dataclass(frozen=True)
@@ -149,7 +148,8 @@ def true_symmetries(instance: int, truth: FrameTruth) -> SymmetrySlots:
 
 
 def _thinned(region: RegionCloud, rng: np.random.Generator) -> RegionCloud:
-    if len(region) <= NUM_POINTS:
+    """Return `region` with as many points as the network would see, in their order."""
+    if len(region) <= NUM_REGION_POINTS:
         return region
-    kept = np.sort(rng.choice(len(region), NUM_POINTS, replace=False))
+    kept = np.sort(rng.choice(len(region), NUM_REGION_POINTS, replace=False))
     return region[kept]

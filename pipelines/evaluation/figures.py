@@ -1,8 +1,8 @@
 """The figures of `report.json` from the tally of frame records: means, precisions, curves.
 
-Every visible object counts once per frame; an object without a grasp has quality and antipodal
-score 0. Each mean has a second one, `..._predicted`, over the objects with a grasp, as in the
-paper.
+FIGURES are the entries of one row and split, as `docs/reference/formats.md` lists them. Every
+visible object counts once per frame; an object without a grasp has quality and antipodal score 0.
+Each mean has a second one, `..._predicted`, over the objects with a grasp, as in the paper.
 """
 
 import math

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 OURS: Final = "ours"
-PAPER: Final = "SymmetryGrasp"  # in the paper's own tables
+PAPER_METHOD: Final = "SymmetryGrasp"  # in the paper's own tables
 
 
 @dataclass(frozen=True)
@@ -39,8 +39,10 @@ BY_FITTING: Final = "symmetry-icp"
 
 # In the order of the tables.
 KNOWN_ROWS = (
-    ReportRow(OURS, "SymGrasp", "#1668b8", "ours, on the dataset evaluated here", PAPER),
-    ReportRow(AS_PRINTED, "SymmetryGrasp as printed", "#7b3fa0", "ours with --preset paper", PAPER),
+    ReportRow(OURS, "SymGrasp", "#1668b8", "ours, on the dataset evaluated here", PAPER_METHOD),
+    ReportRow(
+        AS_PRINTED, "SymmetryGrasp as printed", "#7b3fa0", "ours with --preset paper", PAPER_METHOD
+    ),
     _peer("multi-grasp", "#6d4c41", "Multi-Grasp"),
     _peer("gg-cnn", "#00897b", "GG-CNN"),
     _peer("pointnetgpd", "#c0392b", "PointNetGPD"),

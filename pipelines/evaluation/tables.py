@@ -14,7 +14,7 @@ from pipelines.evaluation.bootstrap_units import interval_note
 from pipelines.evaluation.figures import TEST_SPLITS, Figures
 from pipelines.evaluation.published import Published
 from pipelines.evaluation.rows import OURS, report_row, rows_note
-from pipelines.evaluation.tallies import ALL
+from pipelines.evaluation.tallies import ALL, WITHOUT_GRASP
 from pipelines.geometry.symmetry import SYMMETRY_KINDS
 from pipelines.metrics.grasp_verdicts import REASONS
 from pipelines.metrics.graspnet.graspnet_ap import AP_FIGURES
@@ -277,7 +277,7 @@ def _mean(figures: Mapping[str, Figures], name: str, split: str) -> float | None
 
 def _count(figures: Figures, name: str) -> int:
     """Return the number of objects that the mean `name` is over."""
-    missing = ("no region", "no grasp") if name.endswith("_predicted") else ()
+    missing = WITHOUT_GRASP if name.endswith("_predicted") else ()
     return int(figures["objects"] - sum(figures["reasons"].get(reason, 0) for reason in missing))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.array_types import Array
-from pipelines.configs import SelectionConfig
+from pipelines.configs import NetworkConfig, SelectionConfig
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.geometry.symmetry_votes import mean_slots
@@ -20,7 +20,7 @@ from pipelines.grasping.symmetries.grounding import SymmetryCritics, ground_symm
 if TYPE_CHECKING:
     from pipelines.network.predictor import GraspPredictor
 
-NUM_FITTED_POINTS = 1500  # points of a region to grasp without a network, as many as with one
+NUM_REGION_POINTS = NetworkConfig.num_points  # of a region without a network, as with one
 
 # A compared method: returns the symmetries, camera frame, of a region, given colours (H, W, 3).
 RegionMethod = Callable[[RegionCloud, SceneCloud, NDArray[np.uint8]], SymmetrySlots]
@@ -61,7 +61,7 @@ def compared_regions(
     regions = []
     for cloud in clouds:
         slots = method(cloud, scene, color)
-        chosen = np.random.default_rng(0).permutation(len(cloud))[:NUM_FITTED_POINTS]
+        chosen = np.random.default_rng(0).permutation(len(cloud))[:NUM_REGION_POINTS]
         regions.append(PredictedRegion(cloud[chosen], np.ones(len(chosen)), slots))
     return regions
 

@@ -4,9 +4,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from pipelines.evaluation import published
 from pipelines.evaluation.pages.charts import LineChart, Series
 from pipelines.evaluation.pages.gallery import Gallery
-from pipelines.evaluation.rows import OURS, report_row
+from pipelines.evaluation.published import Published
+from pipelines.evaluation.rows import OURS, PAPER_METHOD, report_row
 from pipelines.evaluation.tables import Table, report_sections
 from pipelines.evaluation.tallies import ALL
 from pipelines.geometry.symmetry import SYMMETRY_KINDS
@@ -64,22 +66,29 @@ def _tiles(report: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     figures = _ours(report)
     precision = figures.get("symmetry_ap", {})
     seconds = report.get("seconds_per_frame")
+    kinds = zip(SYMMETRY_KINDS, published.SYMMETRY_AP[PAPER_METHOD], strict=True)
     tiles = [
-        ("grasp quality", figures.get("grasp_quality"), "0.382 seen, 0.297 unseen"),
-        ("antipodal score", figures.get("antipodal_score"), "0.809 seen, 0.715 unseen"),
-        ("AP reflection", precision.get("reflection"), "0.56"),
-        ("AP rotation", precision.get("rotation"), "0.61"),
-        ("AP sphere", precision.get("sphere"), "0.73"),
-        ("mask AP50", figures.get("mask_ap50"), "0.72 seen, 0.55 unseen"),
-        ("seconds a frame", seconds, "0.3"),
+        ("grasp quality", figures.get("grasp_quality"), _by_split(published.GRASP_QUALITY)),
+        ("antipodal score", figures.get("antipodal_score"), _by_split(published.ANTIPODAL_SCORE)),
+        *((f"AP {kind}", precision.get(kind), f"{paper:g}") for kind, paper in kinds),
+        ("mask AP50", figures.get("mask_ap50"), _by_split(published.MASK_AP50)),
+        ("seconds a frame", seconds, f"{published.SECONDS_PER_FRAME:g}"),
     ]
     success = figures.get("success", {}).get(ALL, {})
     if success:
-        tiles.insert(2, ("success in simulation", success["rate"], "0.47 to 0.74, real"))
+        rates = published.SUCCESS_RATE[PAPER_METHOD]
+        paper = f"{min(rates):g} to {max(rates):g}, real"
+        tiles.insert(2, ("success in simulation", success["rate"], paper))
     return [
         ("-" if value is None else f"{value:.3f}", name, f"paper: {paper}")
         for name, value, paper in tiles
     ]
+
+
+def _by_split(figures: Published) -> str:
+    """Return the paper's own figures of a table in words."""
+    seen, unseen = figures[PAPER_METHOD]
+    return f"{seen:g} seen, {unseen:g} unseen"
 
 
 def _ours(report: Mapping[str, Any]) -> Mapping[str, Any]:

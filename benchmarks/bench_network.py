@@ -26,7 +26,7 @@ from pipelines.network.losses import NUM_ERROR_POINTS
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.region_batch import RegionBatch
 from pipelines.network.weights_files import read_weights
-from pipelines.tabletop.depth_channels import find_plane
+from pipelines.tabletop.depth_channels import height_plane
 from tests.network.plain_network import PlainNetwork
 
 NUM_REGIONS = 8
@@ -87,7 +87,7 @@ def _detector() -> list[Measurement]:
     plain.load_state_dict(tensors)
     seen = frame.color, frame.depth, frame.intrinsics
     small = detector.resized(*seen)
-    image = detector_image(small, find_plane(small), config.input)
+    image = detector_image(small, height_plane(small), config.input)
     ready = image[None].to(memory_format=torch.channels_last)[0]
     with torch.inference_mode():
         slow = cpu_seconds_of(lambda: plain([image]))

@@ -1,4 +1,4 @@
-"""Options of all stages; the declarations of settings make the options that change settings."""
+"""Options of commands that change settings, made from the declarations of the settings."""
 
 import inspect
 import os

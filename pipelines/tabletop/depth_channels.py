@@ -64,10 +64,10 @@ def shrink(
     return SmallFrame(np.asarray(averaged, np.uint8), np.asarray(picked, np.float32), small)
 
 
-def find_plane(frame: SmallFrame) -> Plane:
-    """Return the support plane; if there is none, a plane that faces the camera.
+def height_plane(frame: SmallFrame) -> Plane:
+    """Return the plane, camera frame, over which heights are measured: the support plane.
 
-    The latter is at the 90th percentile of depth, so that heights are distances in front of it.
+    If there is none, the plane faces the camera at the 90th percentile of depth.
     """
     xyz = frame.intrinsics.backproject(frame.depth)
     plane = find_tabletop(xyz, frame.intrinsics, RegionConfig(), np.random.default_rng(0)).plane

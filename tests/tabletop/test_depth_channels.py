@@ -13,7 +13,7 @@ from pipelines.tabletop.depth_channels import (
     STEP_UNIT,
     SmallFrame,
     depth_channels,
-    find_plane,
+    height_plane,
     shrink,
 )
 from pipelines.tabletop.organized import smooth_normals
@@ -91,7 +91,7 @@ def test_holes_take_the_value_of_the_nearest_pixel():
 
 def test_the_plane_found_is_the_table():
     depth, _ = table_with_slab()
-    plane = find_plane(SmallFrame(np.zeros((144, 192, 3), np.uint8), depth, CAMERA))
+    plane = height_plane(SmallFrame(np.zeros((144, 192, 3), np.uint8), depth, CAMERA))
     assert plane.normal @ TABLE.normal > 0.999
     assert abs(plane.offset - TABLE.offset) < 0.005
 

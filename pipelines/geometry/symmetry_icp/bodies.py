@@ -18,8 +18,9 @@ THINNING = 0.005  # metres
 MIN_SURFACE = 20  # points inside the rim below which the rim is used too
 MAX_ERROR = np.pi / 4  # radians, largest error of a point in the fit
 FULL_FIT, FULL_MISS = 10.0, 60.0  # degrees, limits of the score's ramp over a point's error
-TURNS = 2 * np.pi * np.arange(1, 12) / 12
-MAX_SYMMETRY, MAX_OCCLUSION, MAX_PERPENDICULARITY = 0.02, 0.012, 0.6
+TURNS = 2 * np.pi * np.arange(1, 12) / 12  # radians, by which points are turned about an axis
+# Limits of accepted fits, shares 0 to 1.
+MAX_MEAN_ERROR, MAX_OCCLUSION, MAX_PERPENDICULARITY = 0.02, 0.012, 0.6
 MIN_COVERAGE, MIN_SPHERE_COVERAGE = 0.3, 0.1
 DIRECTIONS = 200  # over the sphere; a point covers all directions within the next angle
 COVER_COSINE = np.cos(np.radians(10.0))
@@ -32,7 +33,7 @@ class BodyFit:
 
     Attributes:
         symmetry: the axis or the sphere.
-        error: error of normals that do not meet the axis or centre; 0 for none.
+        error: mean error of normals that do not meet the axis or centre; 0 for none.
         occlusion: degree to which turned points are in free space; 0 for none.
         coverage: share of the turn, or of the solid angle, that the points cover.
         is_accepted: whether the fit passes the thresholds.
@@ -73,6 +74,7 @@ def axis_fit(surface: SeenSurface, space: FreeSpace) -> BodyFit:
 
 
 def _refined_axis(surface: SeenSurface, axis: Array, mean: Array) -> RotationSymmetry:
+    """Return the axis that normal lines miss least, from `axis` (3,) through `mean` (3,)."""
     basis = basis_from_direction(axis)[:, 1:]
 
     def moved(step: Array) -> tuple[Array, Array]:
@@ -107,7 +109,7 @@ def _scored_axis(axis: RotationSymmetry, surface: SeenSurface, space: FreeSpace)
     coverage = 1.0 - float(largest_gaps(np.arctan2(flat[:, 1], flat[:, 0]))) / (2 * np.pi)
     angle = np.arccos(np.clip(np.abs(normals @ axis.axis), 0.0, 1.0))
     perpendicularity = float(np.mean(1.0 - angle / (np.pi / 2)))
-    accepted = error < MAX_SYMMETRY and occlusion < MAX_OCCLUSION and coverage > MIN_COVERAGE
+    accepted = error < MAX_MEAN_ERROR and occlusion < MAX_OCCLUSION and coverage > MIN_COVERAGE
     accepted &= perpendicularity < MAX_PERPENDICULARITY
     return BodyFit(axis, error, occlusion, coverage, accepted)
 
@@ -125,7 +127,7 @@ def sphere_fit(surface: SeenSurface, space: FreeSpace) -> BodyFit:
     occlusion = float(space.occupancy_error(np.concatenate(turned)).max(axis=0).mean())
     covered = spread_directions(DIRECTIONS) @ unit(points - center).T > COVER_COSINE
     coverage = float(covered.any(axis=1).mean())
-    accepted = error < MAX_SYMMETRY and occlusion < MAX_OCCLUSION
+    accepted = error < MAX_MEAN_ERROR and occlusion < MAX_OCCLUSION
     accepted &= coverage > MIN_SPHERE_COVERAGE
     return BodyFit(SphereSymmetry(center), error, occlusion, coverage, accepted)
 
@@ -137,6 +139,7 @@ def _sphere_errors(surface: SeenSurface, center: Array) -> Array:
 
 
 def _mean_error(errors: Array) -> float:
+    """Return the mean error, 0 to 1, of the angles `errors` (n,), radians."""
     return float(ramp(np.degrees(errors), FULL_FIT, FULL_MISS).mean())
 
 

@@ -17,7 +17,7 @@ from pipelines.grasping.peers.rectangles import contact_width
 
 HAND_VOXEL = 0.005  # metres, cell of thinned clouds
 OPENING = 0.08  # metres, opening of PointNetGPD's hands
-HEIGHT = 0.02  # metres, height of every hand
+HEIGHT = 0.02  # metres, height of a hand's bodies, and half the height of its closing region
 BEHIND = 0.02  # metres behind the point, where the closing region begins
 FINGER_LENGTH, THICKNESS, APPROACH_PATH = 0.06, 0.01, 0.03  # metres, a hand in the collision test
 MAX_FILLED = 0.01  # share of a hand's bodies' cells that may contain points

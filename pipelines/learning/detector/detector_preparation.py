@@ -13,7 +13,7 @@ from pipelines.dataset.training.detector_frames import DetectorFrame
 from pipelines.dataset.training.region_frames import MAX_REGIONS, read_region_frame, strided_frames
 from pipelines.errors import FormatError
 from pipelines.frames.rgbd import Frame
-from pipelines.tabletop.depth_channels import find_plane, shrink
+from pipelines.tabletop.depth_channels import height_plane, shrink
 
 
 def frames_of_scene(
@@ -60,4 +60,4 @@ def prepare_frame(
         regions[mask] = number
     sides = zip(small.depth.shape, regions.shape, strict=True)
     picked = [np.floor((np.arange(few) + 0.5) * many / few).astype(int) for few, many in sides]
-    return DetectorFrame(small, find_plane(small), regions[np.ix_(*picked)])
+    return DetectorFrame(small, height_plane(small), regions[np.ix_(*picked)])

@@ -18,7 +18,7 @@ from pipelines.grasping.peers.rectangles import hold_at, on_their_object
 from pipelines.learning.peers.peer import Arrays, Drawn, Peer, PeerTraining, mean_figures
 from pipelines.network.peers.ggcnn import GGCNN, MAPS
 from pipelines.network.peers.ggcnn_input import normalised, whole_depth
-from pipelines.tabletop.depth_channels import find_plane, shrink
+from pipelines.tabletop.depth_channels import height_plane, shrink
 
 STORED_SIDE = 480  # pixels, longest shorter side of a stored frame
 DEPTH_UNITS = 10_000.0  # per metre
@@ -51,7 +51,7 @@ def ggcnn_frame(
         rows = scaled_rows(rows, min(small.depth.shape) / min(depth.shape))
     else:
         small = shrink(None, depth, intrinsics, *sorted(depth.shape))
-    whole = whole_depth(small.depth, small.intrinsics, find_plane(small))
+    whole = whole_depth(small.depth, small.intrinsics, height_plane(small))
     stored = np.clip(np.round(whole * DEPTH_UNITS), 1, 65535).astype(np.uint16)
     return {"depth": stored, "rows": rows.astype(np.float32)}
 

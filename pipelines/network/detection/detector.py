@@ -23,7 +23,7 @@ from pipelines.network.detection.mask_rcnn import build_detector
 from pipelines.network.devices import find_device
 from pipelines.network.imagenet import IMAGENET_MEAN, IMAGENET_STD
 from pipelines.network.weights_files import fill, read_weights
-from pipelines.tabletop.depth_channels import SmallFrame, depth_channels, find_plane, shrink
+from pipelines.tabletop.depth_channels import SmallFrame, depth_channels, height_plane, shrink
 
 MODEL_NAME = "RegionDetector"
 
@@ -111,7 +111,7 @@ class RegionDetector:
             found = f"{color.shape} and {depth.shape}"
             raise ValueRangeError("shapes of colour and depth", found, f"of an image of {size}")
         frame = self.resized(color, depth, intrinsics)
-        known = find_plane(frame) if plane is None else plane
+        known = height_plane(frame) if plane is None else plane
         image = detector_image(frame, known, self.config.input).to(self.device)
         model, shape = self.model, (image.shape[-2], image.shape[-1])
         images, _ = model.transform([image])

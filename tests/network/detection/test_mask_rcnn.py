@@ -180,7 +180,7 @@ def test_a_given_plane_is_used_instead_of_a_search(monkeypatch):
     depth = np.random.default_rng(0).uniform(0.5, 0.9, (72, 96)).astype(np.float32)
     frame = np.zeros((72, 96, 3), np.uint8), depth, Intrinsics(90.0, 90.0, 48.0, 36.0, 96, 72)
     plane, other = (Plane(np.array([0.0, 0.0, -1.0]), far) for far in (0.9, 0.6))
-    monkeypatch.setattr("pipelines.network.detection.detector.find_plane", lambda _frame: plane)
+    monkeypatch.setattr("pipelines.network.detection.detector.height_plane", lambda _frame: plane)
     searched = [each.confidence for each in detector.examine(*frame).detections]
     assert [each.confidence for each in detector.examine(*frame, plane).detections] == searched
     assert [each.confidence for each in detector.examine(*frame, other).detections] != searched

@@ -71,8 +71,9 @@ class Grasps:
         region: (n,) int32 indices into `regions`.
         rotation: (n, 3, 3) float32, columns approach, closing, approach x closing.
         translation: (n, 3) float32, midpoint of the two contacts.
-        width: (n,) float32, distance of the contacts.
-        contacts: (n, 2, 3) float32, the two contacts.
+        width: (n,) float32, distance of the contacts; of a symmetric grasp with the opening margin
+            at the second contact, which is estimated.
+        contacts: (n, 2, 3) float32, `translation` -+ `width` / 2 along closing.
         affordance: (n,) float32 predicted at the first contact, 0 to 1; 0 if `source` is not
             `network`.
         symmetry_slot: (n,) int32 slot of the symmetry that gave the second contact; -1

@@ -18,7 +18,7 @@ from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasping.gripper import Gripper
 from pipelines.pictures.grasp_page.scene import places_in_region, region_symmetries
 from pipelines.pictures.palette import region_color, rgb, score_colors
-from pipelines.storage.files import atomic_path
+from pipelines.storage.files import write_bytes
 from pipelines.storage.provenance import Stamp, write_sidecar
 
 MIN_CONFIDENCE = 0.5  # of symmetries that are recorded
@@ -44,16 +44,21 @@ def write_recording(
     """Write the recording of a frame, and its stamp next to it.
 
     The same frame gives the same content, not the same bytes: rerun assigns new ids each time.
+
+    Raises:
+        WriteError: there is no space.
     """
     rr = need_rerun()
-    with atomic_path(path) as temporary:
-        stream = rr.RecordingStream("symgrasp", recording_id=result.name)
-        stream.save(temporary)
-        stream.log("world", rr.ViewCoordinates.RDF, static=True)
-        _log_frame(rr, stream, frame)
-        _log_symmetries(rr, stream, frame, result)
-        _log_grasps(rr, stream, result, gripper)
-        stream.disconnect()
+    stream = rr.RecordingStream("symgrasp", recording_id=result.name)
+    # Not `stream.save`: rerun writes files in a thread of its own, which hides a full disk.
+    recording = stream.memory_recording()
+    stream.log("world", rr.ViewCoordinates.RDF, static=True)
+    _log_frame(rr, stream, frame)
+    _log_symmetries(rr, stream, frame, result)
+    _log_grasps(rr, stream, result, gripper)
+    content = recording.drain_as_bytes()
+    stream.disconnect()
+    write_bytes(path, content)
     write_sidecar(path, stamp)
 
 

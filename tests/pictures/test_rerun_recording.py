@@ -1,7 +1,8 @@
 """Recordings for rerun, through a stand-in; and the error sentence without rerun."""
 
+import errno
+import os
 import sys
-from pathlib import Path
 from types import SimpleNamespace
 from typing import ClassVar
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from pipelines.errors import SymgraspError
+from pipelines.errors import SymgraspError, WriteError
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.pictures.rerun_recording import need_rerun, write_recording
 from pipelines.storage.provenance import make_stamp, read_stamp
@@ -27,8 +28,8 @@ class Stream:
     def __init__(self, application_id, recording_id):
         self.logged.clear()
 
-    def save(self, path):
-        Path(path).write_bytes(b"RRD")
+    def memory_recording(self):
+        return SimpleNamespace(drain_as_bytes=lambda: b"RRD")
 
     def log(self, path, entity, static):
         self.logged[path] = entity
@@ -38,7 +39,7 @@ class Stream:
 
 
 @pytest.fixture
-def logged(monkeypatch, tmp_path):
+def rerun(monkeypatch):
     def made(*given, **named):
         return SimpleNamespace(given=given, **named, compress=lambda: named)
 
@@ -47,7 +48,12 @@ def logged(monkeypatch, tmp_path):
         RecordingStream=Stream, ViewCoordinates=SimpleNamespace(RDF=0), **dict.fromkeys(names, made)
     )
     monkeypatch.setitem(sys.modules, "rerun", stand_in)
+
+
+@pytest.fixture
+def logged(rerun, tmp_path):
     write_recording(tmp_path / "a.rrd", FRAME, RESULT, GRIPPER, STAMP)
+    assert (tmp_path / "a.rrd").read_bytes() == b"RRD"
     assert read_stamp(tmp_path / "a.rrd") == STAMP.as_json()
     return Stream.logged
 
@@ -78,6 +84,17 @@ def test_every_grasp_and_every_trusted_symmetry_is_there_once(logged):
         "region_0/plane_0", "region_0/axis_3", "region_0/sphere_4", "region_1/plane_2"
     }  # fmt: skip
     assert len(logged["world/points"].given[0]) == (FRAME.depth > 0).sum()
+
+
+@pytest.mark.usefixtures("rerun")
+def test_a_recording_on_a_full_disk_is_an_error_and_leaves_nothing(monkeypatch, tmp_path):
+    def full(_handle):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(WriteError, match=r"a\.rrd cannot be written"):
+        write_recording(tmp_path / "a.rrd", FRAME, RESULT, GRIPPER, STAMP)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_missing_rerun_is_reported_with_the_way_to_install_it(monkeypatch):

@@ -244,8 +244,9 @@ def _write(
     if output.suffix == ".html":
         title = f"SymGrasp: {' and '.join(found.runs)}"
         template = TEMPLATES / "comparison.html"
-        write_text(output, rendered(template, title=title, notes=found.notes, tables=tables(found)))
-        provenance.write_sidecar(output, stamp)
+        page = rendered(template, title=title, notes=found.notes, tables=tables(found))
+        provenance.stamp_ahead(output, stamp)
+        write_text(output, page)
         return
     figures: dict[str, dict[str, Any]] = {}
     for figure in found.figures:

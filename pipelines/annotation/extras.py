@@ -18,6 +18,7 @@ from pipelines.storage.provenance import (
     make_stamp,
     read_stamp,
     sidecar_of,
+    stamp_ahead,
     write_sidecar,
 )
 
@@ -98,8 +99,8 @@ def _write_bop(items: Sequence[WorkItem], path: Path, *, overwrite: bool) -> Non
         )
         for item in items
     }
+    stamp_ahead(path, _stamp_of_all(STAGE, items))
     bop_models_info.write(path, objects)
-    write_sidecar(path, _stamp_of_all(STAGE, items))
 
 
 def _stamp_of_all(stage: str, items: Sequence[WorkItem]) -> Stamp:

@@ -19,7 +19,7 @@ from pipelines.grasping.gripper import Gripper
 from pipelines.pictures.grasp_page.scene import places_in_region, region_symmetries
 from pipelines.pictures.palette import region_color, rgb, score_colors
 from pipelines.storage.files import write_bytes
-from pipelines.storage.provenance import Stamp, write_sidecar
+from pipelines.storage.provenance import Stamp, stamp_ahead
 
 MIN_CONFIDENCE = 0.5  # of symmetries that are recorded
 WEAK_OPACITY = 90  # of 255, of grasps that are not worth trying
@@ -58,8 +58,8 @@ def write_recording(
     _log_grasps(rr, stream, result, gripper)
     content = recording.drain_as_bytes()
     stream.disconnect()
+    stamp_ahead(path, stamp)
     write_bytes(path, content)
-    write_sidecar(path, stamp)
 
 
 def _log_frame(rr: Any, stream: Any, frame: Frame) -> None:  # noqa: ANN401 - rerun's

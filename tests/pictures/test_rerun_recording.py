@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 
 from pipelines.errors import SymgraspError, WriteError
 from pipelines.grasp_files.gripper_files import load_gripper
+from pipelines.pictures import rerun_recording
 from pipelines.pictures.rerun_recording import need_rerun, write_recording
 from pipelines.storage.provenance import make_stamp, read_stamp
 from tests.pictures.grasp_page.toys import toy_frame, toy_result
@@ -87,14 +88,27 @@ def test_every_grasp_and_every_trusted_symmetry_is_there_once(logged):
 
 
 @pytest.mark.usefixtures("rerun")
-def test_a_recording_on_a_full_disk_is_an_error_and_leaves_nothing(monkeypatch, tmp_path):
+def test_a_recording_on_a_full_disk_is_an_error_and_leaves_no_recording(monkeypatch, tmp_path):
     def full(_handle):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(WriteError, match=r"a\.rrd cannot be written"):
+    with pytest.raises(WriteError, match=r"a\.rrd.* cannot be written"):
         write_recording(tmp_path / "a.rrd", FRAME, RESULT, GRIPPER, STAMP)
-    assert list(tmp_path.iterdir()) == []
+    assert not (tmp_path / "a.rrd").exists()
+
+
+@pytest.mark.usefixtures("rerun")
+def test_a_recording_that_a_killed_run_has_left_has_its_stamp(monkeypatch, tmp_path):
+    def killed(path, _content):
+        assert read_stamp(path) == STAMP.as_json()
+        raise KeyboardInterrupt
+
+    (tmp_path / "a.rrd").write_bytes(b"an earlier one")
+    monkeypatch.setattr(rerun_recording, "write_bytes", killed)
+    with pytest.raises(KeyboardInterrupt):
+        write_recording(tmp_path / "a.rrd", FRAME, RESULT, GRIPPER, STAMP)
+    assert not (tmp_path / "a.rrd").exists()
 
 
 def test_a_missing_rerun_is_reported_with_the_way_to_install_it(monkeypatch):

@@ -13,7 +13,7 @@ from pipelines.annotation.objects import annotate
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.meshes import write_mesh
-from pipelines.dataset.symmetry import symmetry_labels
+from pipelines.dataset.symmetry import bop_models_info, symmetry_labels
 from pipelines.errors import SymgraspError
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.runtime.batch import BatchOptions
@@ -354,6 +354,25 @@ def test_bops_file_is_written_and_a_file_of_others_is_not_replaced(box):
     sidecar_of(path).unlink()
     with pytest.raises(SymgraspError, match="other settings"):
         annotate_symmetry.run(box / "box.ply", box / "out", QUICK, extras=extras, options=QUIET)
+
+
+def test_bops_file_of_a_killed_run_is_made_again(box, monkeypatch):
+    path, write = box / "models_info.json", bop_models_info.write
+
+    def killed(*given):
+        write(*given)
+        raise KeyboardInterrupt
+
+    def run():
+        extras = AnnotationExtras(bop=path)
+        annotate_symmetry.run(box / "box.ply", box / "out", QUICK, extras=extras, options=QUIET)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(bop_models_info, "write", killed)
+        with pytest.raises(KeyboardInterrupt):
+            run()
+    run()
+    assert "1" in json.loads(path.read_text())
 
 
 def test_bops_rotation_replaces_the_one_found(tmp_path):

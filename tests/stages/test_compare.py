@@ -231,6 +231,21 @@ def test_a_written_comparison_is_reproducible_and_replaced_only_on_request(tmp_p
     assert output.read_bytes() != written
 
 
+def test_a_page_of_a_killed_run_has_its_stamp(tmp_path, monkeypatch):
+    paths = [write_run(tmp_path / "a"), write_run(tmp_path / "b", better=0.1)]
+    write = compare.write_text
+
+    def killed(*given):
+        write(*given)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(compare, "write_text", killed)
+        with pytest.raises(KeyboardInterrupt):
+            compare.run(paths, CONFIG, tmp_path / "c.html")
+    compare.run(paths, CONFIG, tmp_path / "c.html")
+
+
 def test_the_page_needs_no_network_and_the_file_is_plain_json(tmp_path):
     paths = [write_run(tmp_path / "a"), write_run(tmp_path / "<b>", better=0.1)]
     compare.run(paths, CONFIG, tmp_path / "c.html")

@@ -133,6 +133,21 @@ def _check_file(path: Path, file: h5py.File) -> None:
         raise FormatError(path, "the masks do not fill mask_counts", "run infer again")
 
 
+def refuse_unordered(path: Path, file: h5py.File) -> None:
+    """Raise FormatError unless the rows of the open `file` are in the order of its frames.
+
+    Rows are found by bisection, which would lose others without a word.
+    """
+    count = len(file["frames/name"])
+    for name in ("regions/frame", "grasps/frame"):
+        frame = read_rows(file[name], slice(None))
+        if len(frame) and not (frame[0] >= 0 and frame[-1] < count):
+            found = f"/{name} is {frame[0]} to {frame[-1]}, but the file has {count} frames"
+            raise FormatError(path, found, "run infer again")
+        if (frame[1:] < frame[:-1]).any():
+            raise FormatError(path, f"/{name} does not ascend", "sort the rows by frame")
+
+
 def stored_columns(file: h5py.File) -> dict[str, list[str]]:
     """Return the names of the columns in a file of this version, by group."""
     version = int(attribute(file, "format_version"))

@@ -27,6 +27,7 @@ from pipelines.grasp_files.grasps_file import (
     opened,
     read_part,
     read_result,
+    refuse_unordered,
     stored_intrinsics,
     write_attributes,
 )
@@ -95,6 +96,7 @@ def read_index(path: Path) -> GraspsIndex:
     """
     with opened(path) as file:
         columns = read_columns(path, file["frames"], ["name", "status", "message"])
+        refuse_unordered(path, file)
         names, statuses, messages = ([str(text) for text in each] for each in columns.values())
         num_grasps = len(file["grasps/frame"])
         attrs = file_attributes(file)

@@ -121,6 +121,23 @@ def test_a_frame_with_inconsistent_rows_is_named(path):
         list(read_results(path, [3]))
 
 
+@pytest.mark.parametrize("group", ["grasps", "regions"])
+@pytest.mark.parametrize(
+    ("change", "fault"),
+    [
+        (lambda frame: [*frame[:-1], 4], "but the file has 4 frames"),
+        (lambda frame: [-1, *frame[1:]], "-1 to 3"),
+        (lambda frame: frame[::-1], "does not ascend"),
+    ],
+)
+def test_rows_that_bisection_would_lose_are_refused(path, group, change, fault):
+    with h5py.File(path, "r+") as file:
+        column = file[f"{group}/frame"]
+        column[...] = change(column[:])
+    with pytest.raises(FormatError, match=fault):
+        read_index(path)
+
+
 @pytest.mark.parametrize("block", [b"TREE", b"SNOD", b"HEAP"])
 def test_a_damaged_block_anywhere_is_reported_in_one_sentence(path, block):
     data = path.read_bytes()

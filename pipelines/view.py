@@ -24,6 +24,7 @@ from pipelines.configs import ViewConfig
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.frames_record import FramesRecord
 from pipelines.frames.rgbd import Frame, FrameSource
+from pipelines.grasp_files.grasp_checks import refuse_wrong_grasps
 from pipelines.grasp_files.grasps_stream import read_index, read_results
 from pipelines.grasp_files.grasps_tables import FrameResult, result_digest
 from pipelines.grasp_files.gripper_files import gripper_digest, gripper_to_use, load_gripper
@@ -132,6 +133,7 @@ def _frame_of(item: WorkItem, paths: ViewPaths) -> tuple[Frame, FrameResult]:
     """Return a frame with the camera that its grasps were found with, and the grasps."""
     source, place = item.arguments
     result = next(read_results(paths.grasps, [place]))
+    refuse_wrong_grasps(result.grasps)
     frame = source.read()
     height, width = frame.depth.shape
     if (width, height) != result.size:

@@ -6,8 +6,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from pipelines.errors import UnknownNameError
+from pipelines.errors import SymgraspError, UnknownNameError
 from pipelines.grasp_files.exports.grasp_exports import ranked_anew, that_fit
+from pipelines.grasp_files.grasp_checks import refuse_wrong_grasps
 from pipelines.grasp_files.grasps_stream import read_index, read_named
 from pipelines.grasp_files.gripper_files import gripper_to_use, load_gripper
 from pipelines.grasping.gripper import Gripper
@@ -37,6 +38,10 @@ class FileGrasps(Mapping[str, Grasps]):
         if name not in self._places:
             raise UnknownFrameError(f"frame of {self.path}", name, self.names)
         result = read_named(self.path, name, self._places[name], self._config)
+        try:
+            refuse_wrong_grasps(result.grasps)
+        except SymgraspError as error:
+            raise SymgraspError(f"{self.path}, frame {name!r}: {error}") from error
         kept, _ = ranked_anew(result.grasps, that_fit(result.grasps, self.gripper))
         return ordered_grasps(replace(result, grasps=kept), self.gripper)
 

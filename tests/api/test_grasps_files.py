@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import h5py
 import numpy as np
 import pytest
 
@@ -50,6 +51,14 @@ def test_a_failed_frame_has_no_grasps_and_gives_the_reason(tmp_path):
     assert (len(frame), frame.regions, frame.intrinsics) == (0, (), None)
     with pytest.raises(SymgraspError, match="depth has 8 bits"):
         _ = frame.best
+
+
+def test_a_row_that_is_no_grasp_is_reported_in_one_sentence(tmp_path):
+    path = written(tmp_path / "g.h5")
+    with h5py.File(path, "r+") as file:
+        file["grasps/rotation"][0] = np.nan
+    with pytest.raises(SymgraspError, match=r"g\.h5, frame 's/a': the rotation of a grasp is not"):
+        read_grasps(path)["s/a"]
 
 
 def test_a_missing_frame_raises_a_key_error_of_one_sentence(tmp_path):

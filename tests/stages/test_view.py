@@ -118,6 +118,15 @@ def test_frames_that_cannot_be_shown_are_named_and_the_rest_is_done(grasps, tmp_
     assert not list(tmp_path.glob("out_of_it*"))
 
 
+def test_a_frame_with_a_row_that_is_no_grasp_fails_alone(grasps, tmp_path):
+    broken = result("one/a")
+    broken.grasps.rotation[0] = 0.0
+    write_results(grasps, [broken, result("two/c")], tmp_path / "frames")
+    report = run(grasps, tmp_path / "out")
+    assert report.done == ["two/c"]
+    assert report.failed == {"one/a": "the rotation of a grasp is no rotation; run infer again"}
+
+
 def test_grasps_of_images_of_another_size_are_refused(grasps, tmp_path):
     half = tmp_path / "half"
     (half / "one").mkdir(parents=True)

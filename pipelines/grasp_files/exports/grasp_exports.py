@@ -14,6 +14,7 @@ from pipelines.errors import SymgraspError
 from pipelines.geometry.symmetry import KIND_OF_SLOT
 from pipelines.geometry.transforms import matrix_to_quaternion
 from pipelines.grasp_files.exports.export_poses import ExportGripper, PoseFrame
+from pipelines.grasp_files.grasp_checks import refuse_wrong_grasps
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable
 from pipelines.grasping.grasps import CLOSING_ALONG_Y, GraspPoses, gripper_poses
 from pipelines.grasping.gripper import Gripper
@@ -50,12 +51,10 @@ class FrameGrasps:
         frame.
 
         Raises:
-            SymgraspError: a pose is not finite, or has no rotation.
+            SymgraspError: as `refuse_wrong_grasps`.
         """
         table = result.grasps
-        for name in ("rotation", "translation", "width", "contacts"):
-            if not np.isfinite(getattr(table, name)).all():
-                raise SymgraspError(f"the {name} of a grasp is not finite; run infer again")
+        refuse_wrong_grasps(table)
         fits = that_fit(table, gripper.model)
         is_low = table.rank_score < np.float32(min_score)
         held, order = ranked_anew(table, fits & ~is_low)

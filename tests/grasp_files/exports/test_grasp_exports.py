@@ -132,13 +132,26 @@ def test_exports_keep_the_order_of_the_frame_and_leave_out_low_scores(seed):
     assert frame.low.tolist() == (5 + np.flatnonzero(scores < 0.25)).tolist()
 
 
-def test_numbers_that_are_not_finite_are_reported_in_one_sentence():
+@pytest.mark.parametrize(
+    ("column", "value", "fault"),
+    [
+        ("translation", np.nan, "translation of a grasp is not finite"),
+        ("rank_score", np.inf, "rank_score of a grasp is not finite"),
+        ("rotation", np.zeros((3, 3)), "is no rotation"),
+        ("rotation", 2.0 * np.eye(3), "is no rotation"),
+        ("rotation", np.diag([1.0, 1.0, -1.0]), "is no rotation"),
+        ("width", -0.05, "width of a grasp is negative"),
+        ("symmetry_slot", 7, "none of -1 to 4"),
+        ("symmetry_slot", -5, "none of -1 to 4"),
+    ],
+)
+def test_rows_that_are_no_grasps_are_reported_in_one_sentence(column, value, fault):
     result = random_result(np.random.default_rng(0), 3)
     columns = {name: getattr(result.grasps, name).copy() for name in GraspTable.SPEC}
-    columns["translation"][1, 2] = np.nan
+    columns[column][1] = value
     broken = type(result)(result.name, "ok", regions=result.regions, grasps=GraspTable(**columns))
     exported = ExportGripper(random_gripper(np.random.default_rng(0)), 0.1, "x")
-    with pytest.raises(SymgraspError, match="translation of a grasp is not finite"):
+    with pytest.raises(SymgraspError, match=fault):
         FrameGrasps.of(broken, 0, exported)
 
 

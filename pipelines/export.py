@@ -109,7 +109,7 @@ def run(
     index = read_index(grasps)
     name_or_path = gripper_to_use(config.gripper, index.gripper, index.stamp)
     gripper = _gripper(index, name_or_path, config)
-    frame, frame_of = pose_frame_of_each(camera_to_base, config.frame_id)
+    frame, frame_of = pose_frame_of_each(camera_to_base, config.frame_id, index.names)
     stamp = _stamp(grasps, name_or_path, gripper, config, camera_to_base)
     _refuse_others_work(output)
     finished = is_finished(output, stamp, overwrite=overwrite)

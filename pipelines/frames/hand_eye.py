@@ -6,7 +6,7 @@ launch file that MoveIt's calibration saves. The camera's axes are those of its 
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -62,20 +62,23 @@ class HandEye:
         return self.camera.endswith(("_link", "_frame")) and "optical" not in self.camera
 
 
-def find_frame_pose(folder: Path, frame_name: str) -> Path:
+def find_frame_pose(folder: Path, frame_name: str, others: Container[str] = ()) -> Path:
     """Return the file of the camera's pose in one frame, in `folder`.
 
     Searches for `NAME.json`, `.yaml`, `.yml`, `.npy` and `.txt`, first with the frame's whole
-    relative name, then with its last part only.
+    relative name, then with its last part only, unless this is among `others`, the last parts that
+    several frames share.
 
     Raises:
         SymgraspError: no such file.
     """
-    names = dict.fromkeys((frame_name, frame_name.rsplit("/", 1)[-1]))
+    last = frame_name.rsplit("/", 1)[-1]
+    names = dict.fromkeys((frame_name, frame_name if last in others else last))
     candidates = [folder / f"{name}{suffix}" for name in names for suffix in POSE_SUFFIXES]
     path = next(filter(is_file, candidates), None)
     if path is None:
-        raise SymgraspError(f"{folder} has no camera pose for it; give {frame_name}.json")
+        shared = f", as several frames end in {last}" if last in others else ""
+        raise SymgraspError(f"{folder} has no camera pose for it; give {frame_name}.json{shared}")
     return path
 
 

@@ -201,7 +201,10 @@ def test_every_format_gives_poses_of_the_tool_in_the_frame_of_the_robot(to, tcp,
 @pytest.mark.parametrize("whole_name", [True, False])
 def test_a_camera_on_the_hand_has_a_pose_in_each_frame(whole_name, grasps, tmp_path):
     rng, poses, found = np.random.default_rng(2), tmp_path / "poses", read_whole(grasps).results
-    names = [each.name if whole_name else Path(each.name).name for each in found]
+    names, ends = [each.name for each in found], [Path(each.name).name for each in found]
+    if not whole_name:
+        names = [n if ends.count(end) > 1 else end for n, end in zip(names, ends, strict=True)]
+        assert "0007" in names
     moved = {name: make_pose(random_rotation(rng), rng.uniform(-1, 1, 3)) for name in names}
     for name, T_base_cam in moved.items():
         write_json(poses / f"{name}.json", T_base_cam.tolist())
@@ -245,6 +248,21 @@ def test_a_frame_without_a_pose_is_named_and_the_others_are_exported(grasps, tmp
     write_json(tmp_path / "poses" / f"{found[0]}.json", np.eye(4).tolist())
     with pytest.raises(StaleOutputError):
         export.run(grasps, out, config, camera_to_base=tmp_path / "poses")
+
+
+def test_frames_that_share_their_last_part_do_not_share_a_camera_pose(grasps, tmp_path):
+    found = next(each for each in read_whole(grasps).results if len(each.grasps))
+    results = [replace(found, name=name) for name in ("a/7", "b/7", "b/8")]
+    source, out = tmp_path / "g.h5", tmp_path / "x.json"
+    grasps_file.write(source, results, make_stamp("infer", {"gripper": "rg2"}))
+    for name in ("7", "8", "a/7"):
+        write_json(tmp_path / "poses" / f"{name}.json", np.eye(4).tolist())
+    config = ExportConfig(to="json")
+    report = export.run(source, out, config, camera_to_base=tmp_path / "poses")
+    assert list(report.failed) == ["b/7"]
+    assert report.failed["b/7"].endswith("give b/7.json, as several frames end in 7")
+    frames = json.loads(out.read_text())["frames"]
+    assert [frame["name"] for frame in frames] == ["a/7", "b/8"]
 
 
 def test_the_tool_centre_point_is_at_the_chosen_place(grasps, tmp_path):

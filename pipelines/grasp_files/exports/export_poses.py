@@ -1,7 +1,8 @@
 """Origin and frame of exported poses: gripper base or tool point, in camera or robot frame."""
 
 import logging
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -108,12 +109,13 @@ def pose_frame(camera_to_base: Path | None, frame_id: str) -> PoseFrame:
 
 
 def pose_frame_of_each(
-    camera_to_base: Path | None, frame_id: str
+    camera_to_base: Path | None, frame_id: str, names: Iterable[str]
 ) -> tuple[PoseFrame, Callable[[str], PoseFrame]]:
     """Return the frame of all exported poses, and the function from a frame's name to its own.
 
     The two differ in the camera's pose, if `camera_to_base` is a folder with a pose of each frame,
     as of a camera on the hand. The function raises a SymgraspError for a frame without a pose.
+    `names`: of all frames.
 
     Raises:
         FormatError: `camera_to_base` is a file, and no hand-eye calibration.
@@ -123,9 +125,11 @@ def pose_frame_of_each(
         return frame, lambda _name: frame
     folder, common = camera_to_base, _base_frame(np.eye(4), frame_id or BASE_FRAME)
     known: set[str] = set()  # cameras; each is warned of once
+    ends = Counter(name.rsplit("/", 1)[-1] for name in names)
+    shared = {end for end, count in ends.items() if count > 1}
 
     def of_frame(name: str) -> PoseFrame:
-        found = read_hand_eye(find_frame_pose(folder, name))
+        found = read_hand_eye(find_frame_pose(folder, name, shared))
         if found.camera not in known:
             known.add(found.camera)
             _warn_of_body(found)

@@ -15,6 +15,7 @@ import numpy as np
 from pipelines.array_types import Array
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.encodings.yaml_files import read_yaml
+from pipelines.frames.frame_names import last_part
 from pipelines.geometry.transforms import make_pose, nearest_orthogonal, quaternion_to_matrix
 from pipelines.storage.array_files import read_npy
 from pipelines.storage.files import existing, is_file, read_json
@@ -62,23 +63,23 @@ class HandEye:
         return self.camera.endswith(("_link", "_frame")) and "optical" not in self.camera
 
 
-def find_frame_pose(folder: Path, frame_name: str, others: Container[str] = ()) -> Path:
+def find_frame_pose(folder: Path, frame_name: str, shared: Container[str] = ()) -> Path:
     """Return the file of the camera's pose in one frame, in `folder`.
 
     Searches for `NAME.json`, `.yaml`, `.yml`, `.npy` and `.txt`, first with the frame's whole
-    relative name, then with its last part only, unless this is among `others`, the last parts that
+    relative name, then with its last part only, unless this is among `shared`, the last parts that
     several frames share.
 
     Raises:
         SymgraspError: no such file.
     """
-    last = frame_name.rsplit("/", 1)[-1]
-    names = dict.fromkeys((frame_name, frame_name if last in others else last))
+    last = last_part(frame_name)
+    names = dict.fromkeys((frame_name, frame_name if last in shared else last))
     candidates = [folder / f"{name}{suffix}" for name in names for suffix in POSE_SUFFIXES]
     path = next(filter(is_file, candidates), None)
     if path is None:
-        shared = f", as several frames end in {last}" if last in others else ""
-        raise SymgraspError(f"{folder} has no camera pose for it; give {frame_name}.json{shared}")
+        why = f", as several frames end in {last}" if last in shared else ""
+        raise SymgraspError(f"{folder} has no camera pose for it; give {frame_name}.json{why}")
     return path
 
 

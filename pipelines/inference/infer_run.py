@@ -14,29 +14,26 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
-from pipelines.array_types import Mask
 from pipelines.dataset.chosen_frames import ALL_FRAMES, ChosenFrames
 from pipelines.errors import (
     FormatError,
     StaleOutputError,
     SymgraspError,
-    ValueRangeError,
     WriteError,
 )
 from pipelines.frames.frame_inputs import FrameInputs
+from pipelines.frames.frame_names import shared_last_parts
 from pipelines.frames.frames import find_frames
 from pipelines.frames.frames_record import FramesRecord
-from pipelines.frames.masks import read_masks
 from pipelines.frames.registration import oddities
-from pipelines.frames.rgbd import Frame, FrameSource
+from pipelines.frames.rgbd import FrameSource
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
-from pipelines.frames.workspace_files import read_workspace_mask
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_stream import merge_parts, read_index
 from pipelines.grasp_files.grasps_tables import FrameResult
-from pipelines.inference.run_settings import InferPaths, RunSettings
+from pipelines.inference.run_settings import RunSettings
+from pipelines.inference.user_masks import drawn_by_user
 from pipelines.pictures.overlays import write_overlay
 from pipelines.runtime.batch import WorkItem
 from pipelines.storage.files import within
@@ -91,10 +88,11 @@ class InferRun:
     def items(self, sources: Sequence[FrameSource]) -> list[WorkItem]:
         """Return one work item, with a part as target, for each of `sources`."""
         shared, items = self.stamp(self.shared_inputs), []
+        last_parts = shared_last_parts(source.name for source in sources)
         for source in sources:
             stamp = replace(shared, inputs=FrameInputs(self.shared_inputs, source.files))
             target = grasps_file.part_path(self.output, source.name)
-            items.append(WorkItem(source.name, target, stamp, (source,)))
+            items.append(WorkItem(source.name, target, stamp, (source, last_parts)))
         return items
 
     def stamp(self, inputs: Mapping[str, str]) -> Stamp:
@@ -138,12 +136,12 @@ class InferRun:
 def infer_frame(item: WorkItem, settings: RunSettings) -> str | None:
     """Write the part of one frame; return a note if the frame is odd or empty."""
     with settings.one_core():
-        (source,) = item.arguments
+        source, shared_parts = item.arguments
         # Before the frame is read, so that the result is stale if a file changes meanwhile.
         signatures = inputs_of(item).signatures()
         frame = source.read()
         rng = np.random.default_rng(settings.seed)
-        drawn = _drawn_by_user(settings.paths, source.name, frame)
+        drawn = drawn_by_user(settings.paths, source.name, frame, shared_parts)
         result = settings.planner().plan(frame, rng, *drawn)
         seconds = result.seconds if settings.timings else np.nan
         result = replace(result, name=source.name, seconds=seconds)
@@ -155,21 +153,6 @@ def infer_frame(item: WorkItem, settings: RunSettings) -> str | None:
             stamp = replace(item.stamp, recorded={"files": signatures})
             grasps_file.write(item.target, [result], stamp)
         return "; ".join(filter(None, (*oddities(frame), result.message))) or None
-
-
-def _drawn_by_user(
-    paths: InferPaths, name: str, frame: Frame
-) -> tuple[NDArray[np.int32] | None, Mask | None]:
-    """Return instance masks and workspace (H, W), which users draw on the images as taken."""
-    masks = None if paths.masks is None else read_masks(paths.masks, name)
-    shape = frame.depth.shape
-    if masks is not None and masks.shape != shape:
-        raise ValueRangeError(f"size of the masks of {name}", masks.shape, f"{shape}")
-    workspace = None if paths.workspace is None else read_workspace_mask(paths.workspace, shape)
-    return (
-        None if masks is None else frame.undistorted(masks),
-        None if workspace is None else frame.undistorted(workspace),
-    )
 
 
 @contextmanager

@@ -52,7 +52,7 @@ def draw_missing(
 
 
 def _draw(item: WorkItem) -> None:
-    source, results, place = item.arguments
+    source, _, results, place = item.arguments
     (result,) = read_results(results, [place])
     frame = source.read()
     with reporting_write_errors(item.target):

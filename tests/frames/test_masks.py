@@ -12,6 +12,7 @@ from numpy.testing import assert_array_equal
 from PIL import Image
 
 from pipelines.errors import FormatError, SymgraspError, ValueRangeError
+from pipelines.frames.frame_names import shared_last_parts
 from pipelines.frames.masks import read_masks
 from pipelines.storage.masks_rle import box_of_mask, decode_mask, encode_mask
 
@@ -57,6 +58,13 @@ def test_a_users_mask_is_found_under_each_known_name(tmp_path: Path, name: str) 
     (tmp_path / "s").mkdir()
     cv2.imwrite(str(tmp_path / name), ids)
     assert_array_equal(read_masks(tmp_path, "s/x"), ids)
+
+
+def test_frames_that_share_their_last_part_do_not_share_a_mask(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "x.png"), np.ones((3, 4), np.uint8))
+    assert read_masks(tmp_path, "s/x", shared_last_parts(["s/x", "t/y"])).all()
+    with pytest.raises(SymgraspError, match=r"give s/x_label\.png.* as several frames end in x"):
+        read_masks(tmp_path, "s/x", shared_last_parts(["s/x", "t/x"]))
 
 
 def test_a_missing_mask_is_refused_with_the_expected_names(tmp_path: Path) -> None:

@@ -316,6 +316,17 @@ def test_the_users_masks_are_the_regions(frames, tmp_path):
     np.testing.assert_array_equal(found.regions.mask(0, 320, 240), render(SHAPES["a"])[1] == 0)
 
 
+def test_frames_of_two_folders_do_not_share_a_mask(tmp_path):
+    masks = tmp_path / "masks"
+    for name in ("first/0", "second/0"):
+        index = write_frame(tmp_path / "frames", name, SHAPES["b"])
+    write_image(masks / "0.png", (index + 1).astype(np.uint8))
+    write_image(masks / "second" / "0.png", (index + 1).astype(np.uint8))
+    report = run(tmp_path / "frames", tmp_path / "g.h5", masks=masks)
+    assert report.done == ["second/0"]
+    assert "several frames end in 0" in report.failed["first/0"]
+
+
 def test_masks_of_another_size_fail_with_both_sizes(frames, tmp_path):
     masks = tmp_path / "masks"
     for name in SHAPES:

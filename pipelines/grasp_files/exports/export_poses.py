@@ -1,7 +1,6 @@
 """Origin and frame of exported poses: gripper base or tool point, in camera or robot frame."""
 
 import logging
-from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 
 from pipelines.array_types import Array
 from pipelines.errors import ValueRangeError
+from pipelines.frames.frame_names import shared_last_parts
 from pipelines.frames.hand_eye import HandEye, find_frame_pose, read_hand_eye
 from pipelines.grasping.gripper import Gripper
 
@@ -125,8 +125,7 @@ def pose_frame_of_each(
         return frame, lambda _name: frame
     folder, common = camera_to_base, _base_frame(np.eye(4), frame_id or BASE_FRAME)
     known: set[str] = set()  # cameras; each is warned of once
-    ends = Counter(name.rsplit("/", 1)[-1] for name in names)
-    shared = {end for end, count in ends.items() if count > 1}
+    shared = shared_last_parts(names)
 
     def of_frame(name: str) -> PoseFrame:
         found = read_hand_eye(find_frame_pose(folder, name, shared))

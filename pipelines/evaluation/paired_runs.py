@@ -2,7 +2,7 @@
 
 Frames are paired by name. Two runs were evaluated on the same truth if each frame has the same
 visible objects and the same numbers of masks and symmetries to find in both; other runs cannot be
-paired at all.
+paired at all. The truth of a method without symmetries has no numbers of symmetries.
 """
 
 from array import array
@@ -34,12 +34,11 @@ class RunPredictions:
     frame: "array[int]" = field(default_factory=lambda: array("q"))
     num_truth: "array[float]" = field(default_factory=lambda: array("d"))
 
-    def add(self, frame: int, scored: ScoredPredictions | None, key: str) -> None:
-        """Add the predictions of one frame; None if the method predicts none of the kind."""
-        found = scored or ScoredPredictions(0)
-        self.num_truth.append(found.num_truth)
+    def add(self, frame: int, scored: ScoredPredictions, key: str) -> None:
+        """Add the predictions of one frame."""
+        self.num_truth.append(scored.num_truth)
         for confidence, verdict in zip(
-            found.confidence, found.verdicts.get(key, []), strict=bool(found.verdicts)
+            scored.confidence, scored.verdicts.get(key, []), strict=bool(scored.verdicts)
         ):
             if verdict != IGNORED:
                 self.confidence.append(confidence)
@@ -135,7 +134,7 @@ def paired_frames(runs: Sequence[EvaluatedRun]) -> list[str]:
             )
         for name in common:
             one, two = first.truth[first.frames[name]], other.truth[other.frames[name]]
-            if one != two:
+            if not _is_same(one, two):
                 differing = "visible objects" if one[0] != two[0] else "masks or symmetries to find"
                 raise SymgraspError(
                     f"{name} has other {differing} in {other.name} than in {first.name}; "
@@ -145,3 +144,8 @@ def paired_frames(runs: Sequence[EvaluatedRun]) -> list[str]:
     if not shared:
         raise SymgraspError("no frame is in all of the runs; compare fewer of them")
     return sorted(shared)
+
+
+def _is_same(one: Truth, two: Truth) -> bool:
+    """Return whether two runs had one truth, as far as a method without symmetries shows it."""
+    return one[:2] == two[:2] and (one[2] == two[2] or () in (one[2], two[2]))

@@ -138,7 +138,7 @@ def add_record(run: EvaluatedRun, record: FrameRecord, name: str, keys: Mapping[
     truth = (
         tuple(sorted(verdict.object_id for verdict in row.verdicts)),
         record.masks.num_truth,
-        tuple(scored.num_truth if scored else 0 for scored in symmetries),
+        tuple(scored.num_truth for scored in symmetries if scored is not None),
     )
     values = {
         "grasp_quality": [verdict.quality for verdict in row.verdicts],
@@ -151,8 +151,8 @@ def add_record(run: EvaluatedRun, record: FrameRecord, name: str, keys: Mapping[
         sums |= ap_figures(row.accuracy)
     place = run.add(record.name, record.split, truth, len(row.verdicts), sums)
     for metric, scored in zip(PRECISIONS, (*symmetries, masks), strict=True):
-        if metric == MASKS and masks is None:
-            continue  # no regions of its own, or an older record
+        if scored is None:
+            continue  # a method without symmetries or without regions, or an older record
         run.predictions.setdefault(metric, RunPredictions()).add(place, scored, keys[metric])
 
 

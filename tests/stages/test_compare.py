@@ -176,6 +176,21 @@ def test_runs_on_other_objects_cannot_be_paired(tmp_path):
         compare.run(paths, CONFIG)
 
 
+def test_a_method_without_symmetries_is_compared_by_the_other_figures(tmp_path):
+    a, b = write_run(tmp_path / "a"), write_run(tmp_path / "b", better=0.1)
+    for path in records_folder(b).iterdir():
+        content = json.loads(path.read_text())
+        for record in content["frames"]:
+            record["rows"]["ours"]["symmetries"] = {}
+        path.write_text(json.dumps(content))
+    for paths in ([a, b], [b, a]):
+        found = compare.run(paths, CONFIG)
+        assert abs(figure(found, "grasp_quality").differences[0].value) == pytest.approx(0.1)
+        metrics = {each.metric for each in found.figures}
+        assert "mask_ap50" in metrics
+        assert not any(metric.startswith("symmetry_ap") for metric in metrics)
+
+
 def test_runs_without_a_common_frame_cannot_be_paired(tmp_path):
     first, second = write_run(tmp_path / "a"), write_run(tmp_path / "b")
     for path in records_folder(second).iterdir():

@@ -9,11 +9,10 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
-from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
+from pipelines.dataset.graspnet.graspnet_layout import IMAGE_KINDS, SceneFiles
 from pipelines.errors import SymgraspError
 from pipelines.storage.provenance import digest_folder, digest_if_there, digest_text
 
-IMAGES = ("rgb", "depth", "label")
 POSES = {"annotations": "*.xml", "meta": "*.mat"}
 CAMERA_FILES = ("camK.npy", "camera_poses.npy", "cam0_wrt_table.npy")
 
@@ -66,7 +65,7 @@ def digest_of_frames(scene: SceneFiles) -> str:
     folder = scene.camera_folder
     images = (
         path
-        for kind in IMAGES
+        for kind in IMAGE_KINDS
         for path in sorted((folder / kind).glob("*.png"))
         if not path.name.startswith(".")
     )

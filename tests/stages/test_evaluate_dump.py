@@ -146,6 +146,23 @@ def test_a_missing_frame_is_named_and_counts_as_a_frame_without_grasps(root, dum
     assert found["ap"] == pytest.approx(found["ap_present"] / 2.0)
 
 
+def test_a_frame_without_images_and_grasps_does_not_count_until_it_has_one(root, dump, tmp_path):
+    copied = GraspNetRoot(shutil.copytree(root.root, tmp_path / "root"))
+    frame_file(dump, 100, 1).unlink()
+    scene = copied.scene(100, "realsense")
+    images = [scene.frame(1).path(kind) for kind in ("rgb", "depth", "label")]
+    color = images[0].read_bytes()
+    for image in images:
+        image.unlink()
+    assert run(dump, copied, tmp_path / "r.json").exit_code == 0
+    assert figures(tmp_path / "r.json", "seen")["frames"] == 1
+    images[0].write_bytes(color)
+    report = run(dump, copied, tmp_path / "r.json", overwrite=True)
+    assert list(report.failed) == ["scene_0100_realsense"]
+    found = figures(tmp_path / "r.json", "seen")
+    assert (found["frames"], found["frames_absent"]) == (2, 1)
+
+
 def test_an_unreadable_frame_is_not_taken_for_one_that_a_stride_left_out(root, dump, tmp_path):
     np.save(frame_file(dump, 100, 1), np.ones((3, 16)))
     sentence = run(dump, root, tmp_path / "r.json").failed["scene_0100_realsense"]

@@ -97,6 +97,15 @@ def test_scenes_at_fault_give_one_sentence_each_and_the_rest_is_done(root, tmp_p
 
 
 @pytest.mark.parametrize("stage", STAGES)
+def test_frames_that_have_only_annotations_are_left_out(root, tmp_path, stage):
+    for scene in SCENES:
+        folder = root.scene_folder(scene) / "realsense/annotations"
+        shutil.copy(folder / "0001.xml", folder / "0007.xml")
+    report = stage(root, tmp_path / "out")
+    assert (report.failed, sorted(report.done)) == ({}, WHOLE)
+
+
+@pytest.mark.parametrize("stage", STAGES)
 def test_regions_that_were_cut_from_another_mesh_are_not_reused(root, tmp_path, stage):
     assert stage(root, tmp_path / "out").done == WHOLE
     assert stage(root, tmp_path / "out").skipped == WHOLE

@@ -24,6 +24,7 @@ SPLITS = {
 }
 # A synthesized split with more scenes than GraspNet's continues 1000, 2000, ... above its numbers.
 BLOCK, SPLIT_BLOCKS = 1000, 10
+IMAGE_KINDS = ("rgb", "depth", "label")
 
 
 @dataclass(frozen=True)
@@ -88,6 +89,14 @@ class SceneFiles:
         """Return the ids of the frames with a file of `kind`, as listed in `FrameFiles.path`."""
         files = (self.camera_folder / kind).glob("*" + self.frame(0).path(kind).suffix)
         return sorted(int(file.stem) for file in files if file.stem.isdecimal())
+
+    @property
+    def image_ids(self) -> list[int]:
+        """Ids of the frames with an image of any kind, ascending.
+
+        A root may hold the images of few frames and the annotations of all.
+        """
+        return sorted({frame_id for kind in IMAGE_KINDS for frame_id in self.ids_of(kind)})
 
     @property
     def camera_poses(self) -> Array:

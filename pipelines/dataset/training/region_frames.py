@@ -50,9 +50,10 @@ def read_region_frame(root: GraspNetRoot, files: FrameFiles, min_pixels: int) ->
 def strided_frames(scene: SceneFiles, stride: int) -> list[FrameFiles]:
     """Return every `stride`-th frame of a scene.
 
-    A frame with poses but without depth is included, so that reading it raises an error.
+    Frames with poses but without any image are left out, unless the scene has no other. A frame
+    that lacks only its depth is included, so that reading it raises an error.
     """
-    frame_ids = sorted({*scene.frame_ids, *scene.ids_of("annotations")})
+    frame_ids = scene.image_ids or scene.ids_of("annotations")
     return [scene.frame(frame_id) for frame_id in frame_ids[::stride]]
 
 

@@ -20,6 +20,8 @@ def score_scene(
 ) -> list[FrameVerdicts]:
     """Return the verdicts on a scene's frames, in order: every n-th by `config.frame_stride`.
 
+    If the dataset holds images, a frame with neither an image nor dumped grasps does not count.
+
     Raises:
         SymgraspError: the dataset lacks the scene, its camera, its models or its poses.
     """
@@ -30,6 +32,9 @@ def score_scene(
         raise SymgraspError(
             f"{files.camera_folder / 'annotations'} holds no poses; NNNN.xml of every frame"
         )
+    if images := files.image_ids:
+        there = {*images, *dumped.frame_ids}
+        posed = [frame_id for frame_id in posed if frame_id in there]
     chosen = posed[:: config.frame_stride]
     return [_score_frame(truth, dumped, i, config) for i in chosen]
 

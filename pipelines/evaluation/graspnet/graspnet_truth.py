@@ -146,6 +146,8 @@ class InputDigests:
         parts += [self._digest(files.camera_folder / name) for name in cameras]
         around = files.surroundings_path
         parts += [self._digest(around)] if around.is_file() else []
+        images = files.image_ids  # decide which frames count, if not all have an image
+        parts += [str(images)] if images and set(files.ids_of("annotations")) - {*images} else []
         return digest_text("".join(parts))
 
     def _meshes(self, files: SceneFiles) -> str:

@@ -15,6 +15,7 @@ from scipy.spatial import KDTree
 from pipelines.array_types import Array, Mask
 from pipelines.configs import EvaluateConfig, InferConfig
 from pipelines.dataset.graspnet.graspnet_layout import FrameFiles
+from pipelines.errors import SymgraspError
 from pipelines.evaluation.frame_scores import (
     RegionOwners,
     RegionRow,
@@ -35,6 +36,8 @@ from pipelines.grasping.symmetries.completion import completions
 from pipelines.inference import models
 from pipelines.inference.observation import observe
 from pipelines.inference.predicted_regions import NUM_REGION_POINTS
+
+OTHER_FOCAL_LENGTH = 0.1  # relative difference beyond a calibration's, chosen by eye
 
 
 @dataclass(frozen=True)
@@ -127,7 +130,12 @@ def rows_of(
 
     `predictions`: by row, including ours; each row has its own regions. The same `seed` gives the
     same random grasps.
+
+    Raises:
+        SymgraspError: predictions are of images that another camera took.
     """
+    for each in predictions.values():
+        _refuse_another_camera(each, truth)
     rows = {
         name: RegionRow(each.row, each.masks, assign_regions(each.masks, truth, config))
         if each.anywhere is None
@@ -139,6 +147,21 @@ def rows_of(
         planned = baselines.rows(ours.masks, ours.owners, files, truth, rng)
         rows |= {name: replace(ours, predictions=row) for name, row in planned.items()}
     return rows
+
+
+def _refuse_another_camera(found: FramePredictions, truth: FrameTruth) -> None:
+    """Raise SymgraspError if the size or the focal length of the predictions' images is another."""
+    theirs, ours = found.intrinsics, truth.intrinsics
+    if theirs is None:
+        return
+    is_same_size = (theirs.width, theirs.height) == (ours.width, ours.height)
+    if is_same_size and abs(theirs.fx / ours.fx - 1.0) < OTHER_FOCAL_LENGTH:
+        return
+    raise SymgraspError(
+        f"{found.name} was {theirs.width}x{theirs.height} pixels with a focal length of "
+        f"{theirs.fx:.0f} when its grasps were found, and is {ours.width}x{ours.height} with "
+        f"{ours.fx:.0f} in this dataset; give the dataset that infer was run on"
+    )
 
 
 def true_symmetries(instance: int, truth: FrameTruth) -> SymmetrySlots:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipelines.array_types import Array, Mask
+from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.symmetry import SPHERE_SLOT, SymmetrySlots
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable
 from pipelines.grasping.grasps import GraspPoses
@@ -50,6 +51,7 @@ class FramePredictions:
     """The results of `infer` on one frame; lists have one entry per region, masks are (H, W).
 
     `anywhere`: grasps of a compared method that knows no regions; None for other methods.
+    `intrinsics`: of the camera that the frame was read with; None if it could not be read.
     """
 
     name: str
@@ -58,6 +60,7 @@ class FramePredictions:
     confidence: list[float]
     row: RowPredictions
     anywhere: ScoredGrasps | None = None
+    intrinsics: Intrinsics | None = None
 
     @classmethod
     def from_result(cls, result: FrameResult, *, knows_regions: bool = True) -> "FramePredictions":
@@ -81,6 +84,7 @@ class FramePredictions:
             [float(value) for value in regions.confidence],
             RowPredictions(best, score, symmetries, every),
             None if knows_regions else every,
+            result.intrinsics,
         )
 
 

@@ -32,6 +32,7 @@ class FrameTruth:
     """The ground truth of one frame."""
 
     split: str  # seen, similar, novel or train
+    intrinsics: Intrinsics
     label: NDArray[np.uint8 | np.uint16]  # (H, W) object id + 1, 0 = background
     visible: list[int]  # ids of the objects that count, ascending
     scene: TrueScene  # meshes, poses, table, surroundings
@@ -64,7 +65,8 @@ class TruthReader:
             TrueRegion(region_points(instance, scene, intrinsics), tuple(instance.symmetries))
             for instance in instances
         ]
-        return FrameTruth(split_of_scene(files.scene_id), label, visible, scene, instances, regions)
+        split = split_of_scene(files.scene_id)
+        return FrameTruth(split, intrinsics, label, visible, scene, instances, regions)
 
     def object(self, object_id: int) -> TrueObject:
         """Return an object's mesh, surface points and collider."""

@@ -609,6 +609,20 @@ def test_a_gripper_of_another_name_with_the_same_measures_is_no_other_gripper(
     assert (report.exit_code, report.notes) == (0, {})
 
 
+def test_grasps_in_images_of_another_camera_are_refused_in_a_sentence(root, truth_file, tmp_path):
+    results = [true_result(root, name) for name in frame_names()]
+    for place, (change, words) in enumerate(
+        [({"width": 160, "height": 120}, "160x120"), ({"fx": 450.0}, "focal length of 450")]
+    ):
+        other = tmp_path / f"other{place}.h5"
+        cameras = [replace(each.intrinsics, **change) for each in results]
+        empty = [FrameResult(r.name, "empty", "", c) for r, c in zip(results, cameras, strict=True)]
+        write_grasps(other, empty)
+        report = run(other, root, tmp_path / f"{place}.json")
+        assert (report.exit_code, len(report.failed)) == (1, len(SCENES))
+        assert all(words in sentence for sentence in report.failed.values())
+
+
 def test_other_grasps_of_other_frames_or_with_a_taken_name_are_refused(root, truth_file, tmp_path):
     fewer = tmp_path / "second.h5"
     write_grasps(fewer, [true_result(root, name) for name in frame_names()[1:]])

@@ -79,7 +79,7 @@ def evaluate(
     from pipelines.storage.provenance import refuse_other_suffix
 
     refuse_other_suffix(out, ".json")
-    needs_grasps = baselines or bool(success) or bool(table)
+    needs_grasps = bool(with_) or baselines or bool(success) or bool(table)
     _refuse_mixtures(grasps, protocol, config.graspnet, needs_grasps=needs_grasps)
     if protocol == "graspnet":
         from pipelines import evaluate_dump
@@ -120,7 +120,7 @@ def _refuse_mixtures(
         )
     if protocol == "graspnet" and needs_grasps:
         raise typer.BadParameter(
-            "--baselines, --success and --table go with a grasps.h5, not with a dump"
+            "--with, --baselines, --success and --table go with a grasps.h5, not with a dump"
         )
     if protocol != "graspnet" and grasps.is_dir():
         raise typer.BadParameter(f"{grasps} is a folder; give a grasps.h5, or --protocol graspnet")

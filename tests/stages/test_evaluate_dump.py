@@ -340,7 +340,14 @@ def test_the_command_prints_the_figures(root, pristine, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "options", [[], ["--protocol", "cocoa"], ["--protocol", "graspnet", "--baselines"], ["--exact"]]
+    "options",
+    [
+        [],
+        ["--protocol", "cocoa"],
+        ["--protocol", "graspnet", "--baselines"],
+        ["--protocol", "graspnet", "--with", "pyproject.toml"],
+        ["--exact"],
+    ],
 )
 def test_options_that_exclude_each_other_are_wrong_usage(root, pristine, tmp_path, options):
     arguments = ["--dataset", str(root.root), "--out", str(tmp_path / "r.json"), *options]

@@ -7,7 +7,8 @@ Writes  report.json                       AP, AP_0.4, AP_0.8 by camera and split
         report.scenes/                    accuracy (frames, 50, 6) and verdicts, a file per scene
 
 A frame without a file, or with a file without grasp rows, is reported and counts as a frame without
-grasps. Finished scenes are not evaluated again.
+grasps. A scene without a folder does not count; a note names it if the dump has others of its split
+and camera. Finished scenes are not evaluated again.
 """
 
 import functools
@@ -17,7 +18,7 @@ from typing import Any
 
 from pipelines.configs import EvaluateDumpConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
-from pipelines.dataset.graspnet.graspnet_layout import scene_name
+from pipelines.dataset.graspnet.graspnet_layout import SPLITS, scene_name
 from pipelines.evaluation import reports
 from pipelines.evaluation.graspnet.dump_verdicts import (
     DUMP_STATUSES,
@@ -47,13 +48,15 @@ def run(
 ) -> StageReport:
     """Evaluate the dump against `dataset`; write `output` and the files next to it."""
     root = GraspNetRoot.finished(dataset)
-    items = _scene_items(dumped_scenes(dump), root, output, config)
+    scenes = dumped_scenes(dump)
+    items = _scene_items(scenes, root, output, config)
     inputs = [item.stamp.inputs for item in items]
     joined = {kind: digest_text("".join(each[kind] for each in inputs)) for kind in inputs[0]}
     stamp = _stamp(config, joined)
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another report
     drop_stale(items, options)
     report = run_batch(STAGE, items, functools.partial(_evaluate_scene, root, config), options)
+    report.notes |= _absent_scenes(scenes, root)
     finished = [item for item in items if item.target.exists()]
     if finished and not options.dry_run:
         tally = _tally(finished, report)
@@ -92,6 +95,22 @@ def _scene_items(
         stamp = _stamp(config, digests.of(scene))
         items.append(WorkItem(name, folder / f"{name}.npz", stamp, (scene,)))
     return items
+
+
+def _absent_scenes(scenes: Sequence[DumpedScene], root: GraspNetRoot) -> dict[str, str]:
+    """Return a sentence for each split and camera of which the dump has only some scenes."""
+    notes = {}
+    for camera in sorted({scene.camera for scene in scenes}):
+        dumped = {scene.scene_id for scene in scenes if scene.camera == camera}
+        for split in SPLITS:
+            known = {files.scene_id for files in root.scenes(camera, split)}
+            absent = sorted(known - dumped)
+            if absent and known & dumped:
+                notes[f"{camera}, {split}"] = (
+                    f"{len(absent)} of {len(known)} scenes of the dataset are not in the dump and "
+                    f"do not count, for example scene_{absent[0]:04d}"
+                )
+    return notes
 
 
 def _stamp(config: EvaluateDumpConfig, inputs: Mapping[str, str]) -> Stamp:

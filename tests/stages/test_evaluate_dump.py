@@ -163,6 +163,18 @@ def test_a_frame_without_images_and_grasps_does_not_count_until_it_has_one(root,
     assert (found["frames"], found["frames_absent"]) == (2, 1)
 
 
+def test_a_scene_that_the_dump_lacks_is_noted_if_it_has_others_of_the_split(root, dump, tmp_path):
+    copied = GraspNetRoot(shutil.copytree(root.root, tmp_path / "root"))
+    shutil.copytree(copied.scene_folder(100), copied.scene_folder(101))
+    shutil.rmtree(frame_file(dump, 160, 0).parents[1])
+    report = run(dump, copied, tmp_path / "r.json")
+    assert report.exit_code == 0
+    (name, sentence), *others = report.notes.items()
+    assert (name, others) == ("realsense, seen", [])
+    assert "1 of 2 scenes" in sentence
+    assert "scene_0101" in sentence
+
+
 def test_an_unreadable_frame_is_not_taken_for_one_that_a_stride_left_out(root, dump, tmp_path):
     np.save(frame_file(dump, 100, 1), np.ones((3, 16)))
     sentence = run(dump, root, tmp_path / "r.json").failed["scene_0100_realsense"]

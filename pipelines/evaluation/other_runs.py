@@ -1,5 +1,6 @@
 """Grasps of other methods on the same frames, one row of the report each: `--with NAME.h5`."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,8 +42,8 @@ class ComparedRuns:
 
         Raises:
             ValueRangeError: two rows would have one name.
-            FormatError: a file holds no frames, frames of another dataset, or other frames than
-                our file.
+            FormatError: a file holds no frames, frames of another dataset, a frame twice, or other
+                frames than our file.
         """
         root, index = GraspNetRoot.finished(dataset), read_index(grasps)
         paths = {OURS: grasps}
@@ -124,6 +125,7 @@ def _scenes(paths: Mapping[str, Path], root: GraspNetRoot) -> dict[SceneFiles, R
         scenes = places_by_scene(path, index, root)
         if row == OURS:
             found = {scene: {} for scene in scenes}
+            _refuse_doubles(path, [names[place] for each in scenes.values() for place in each])
         for scene, rows in found.items():
             places = scenes.get(scene, [])
             there = [names[place] for place in places]
@@ -131,6 +133,14 @@ def _scenes(paths: Mapping[str, Path], root: GraspNetRoot) -> dict[SceneFiles, R
                 raise FormatError(path, _difference(there, expected[scene]), "run infer on all")
             rows[row] = path, places
     return found
+
+
+def _refuse_doubles(path: Path, names: Sequence[str]) -> None:
+    """Raise FormatError if two frames of the file are one frame of the dataset."""
+    doubles = [name for name, count in Counter(names).items() if count > 1]
+    if doubles:
+        found = f"holds the frame {doubles[0]} twice"
+        raise FormatError(path, found, "run infer on one dataset alone, and name each frame once")
 
 
 def frames_by_row(places: RowPlaces) -> Iterator[dict[str, FramePredictions]]:

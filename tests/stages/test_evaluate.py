@@ -609,6 +609,16 @@ def test_a_gripper_of_another_name_with_the_same_measures_is_no_other_gripper(
     assert (report.exit_code, report.notes) == (0, {})
 
 
+def test_frames_of_two_datasets_that_are_one_frame_of_the_given_one_are_refused(root, tmp_path):
+    path = tmp_path / "grasps.h5"
+    results = [true_result(root, name) for name in frame_names()]
+    both = [replace(each, name=f"{folder}/{each.name}") for folder in "ab" for each in results]
+    write_grasps(path, both)
+    with pytest.raises(FormatError, match=r"grasps\.h5: holds the frame .*0000 twice"):
+        run(path, root, tmp_path / "report.json")
+    assert not records_folder(tmp_path / "report.json").exists()
+
+
 def test_grasps_in_images_of_another_camera_are_refused_in_a_sentence(root, truth_file, tmp_path):
     results = [true_result(root, name) for name in frame_names()]
     for place, (change, words) in enumerate(

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipelines.array_types import Array, Mask
+from pipelines.errors import SymgraspError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.symmetry import SPHERE_SLOT, SymmetrySlots
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable
@@ -67,8 +68,16 @@ class FramePredictions:
         """Return the predictions of one frame of a `grasps.h5`.
 
         `knows_regions`: the method grasps regions, not whole frames.
+
+        Raises:
+            SymgraspError: a score, a pose or a width is not finite.
         """
         regions, grasps = result.regions, result.grasps
+        for name in ("rank_score", "rotation", "translation", "width"):
+            if not np.isfinite(getattr(grasps, name)).all():
+                raise SymgraspError(
+                    f"{result.name}: the {name} of a grasp is not finite; run infer again"
+                )
         best: list[GraspPoses] = [GraspPoses.empty() for _ in range(len(regions))]
         score = [-np.inf] * len(regions)
         for i in np.flatnonzero(grasps.is_best).tolist():

@@ -1,7 +1,9 @@
 """Conversion of a frame of `grasps.h5` to the predictions that are judged."""
 
 import numpy as np
+import pytest
 
+from pipelines.errors import SymgraspError
 from pipelines.evaluation.predictions import FramePredictions, RowPredictions
 from pipelines.geometry.camera import Intrinsics
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable
@@ -71,3 +73,8 @@ def test_a_region_without_ranked_grasps_is_last():
     row = RowPredictions.from_ranked([RankedGrasps.empty()])
     assert row.rank_score == [-np.inf]
     assert len(row.best[0]) == 0
+
+
+def test_a_frame_with_a_score_that_is_not_finite_is_refused():
+    with pytest.raises(SymgraspError, match="f: the rank_score of a grasp is not finite"):
+        FramePredictions.from_result(result([0.5, np.nan], [True, True], [0, 1]))

@@ -13,6 +13,7 @@ from pipelines.dataset.meshes import read_solid_mesh
 from pipelines.dataset.symmetry.regioned_objects import read_regioned_object
 from pipelines.dataset.training import affordance_labels
 from pipelines.dataset.training.affordance_labels import AffordanceLabels
+from pipelines.errors import FormatError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import sample_surface
 from pipelines.geometry.region_masks import RegionInstance, visible_regions
@@ -51,12 +52,20 @@ class TruthReader:
     _scenes: dict[SceneFiles, tuple[Intrinsics, list[MeshCollider]]] = field(default_factory=dict)
 
     def read(self, files: FrameFiles) -> FrameTruth:
-        """Read one frame."""
+        """Read one frame.
+
+        Raises:
+            FormatError: the label image has another size than the depth images of the scene.
+        """
         label = self.root.read_label(files)
         poses = {p.object_id: p.T_cam_obj for p in self.root.read_annotation(files)}
         scene_files = self.root.scene(files.scene_id, files.camera)
         table = scene_files.table_from_camera(files.frame_id)
         intrinsics, around = self._camera_and_surroundings(scene_files)
+        if label.shape != (intrinsics.height, intrinsics.width):
+            found = f"the label image is {label.shape[1]}x{label.shape[0]}"
+            expected = f"the depth images are {intrinsics.width}x{intrinsics.height}"
+            raise FormatError(files.path("label"), found, expected)
         scene = TrueScene({i: self.object(i) for i in poses}, poses, table, around)
         counts = np.bincount(label.ravel(), minlength=max(poses, default=0) + 2)
         visible = [i for i in sorted(poses) if counts[i + 1] >= self.config.min_visible_pixels]

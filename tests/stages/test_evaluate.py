@@ -28,6 +28,7 @@ from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasp_files.gripper_files import GRIPPERS, gripper_digest
 from pipelines.runtime.batch import BatchOptions, StageReport
 from pipelines.storage.files import read_json, write_json
+from pipelines.storage.images import read_image, write_image
 from pipelines.storage.provenance import digest, make_stamp
 from symgrasp_cli.app import app
 from tests.stages.toy_root import SCENES, frame_names, true_result, write_grasps, write_root
@@ -465,6 +466,16 @@ def test_a_scene_with_a_damaged_label_fails_alone(tmp_path):
     assert (
         "Left out: 1 scenes that could not be evaluated, for example scene_0100_realsense" in page
     )
+
+
+def test_a_label_of_another_size_than_the_depth_is_named(tmp_path):
+    root = write_root(tmp_path / "root")
+    write_grasps(tmp_path / "g.h5", [true_result(root, n) for n in frame_names()])
+    label = root.frame(frame_names()[0]).path("label")
+    write_image(label, read_image(label)[::2, ::2])
+    report = run(tmp_path / "g.h5", root, tmp_path / "report.json")
+    assert "0000.png: the label image is 160x120" in report.failed["scene_0100_realsense"]
+    assert report.done == ["scene_0160_realsense"]
 
 
 @pytest.mark.parametrize("command", ["evaluate", "simulate"])

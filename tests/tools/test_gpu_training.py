@@ -1,6 +1,8 @@
 """Objects copied to a GPU keep their labels; regions there equal those of `symgrasp train`."""
 
 import argparse
+import queue
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,7 +24,9 @@ from pipelines.dataset import object_list
 from pipelines.dataset.object_list import ObjectRecord
 from pipelines.dataset.training import detector_frames
 from pipelines.dataset.training.detector_frames import DetectorFrame
+from pipelines.errors import FormatError, MissingInputError, SymgraspError, ValueRangeError
 from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.pointcloud import Plane
 from pipelines.learning.detector.detector_start import starting_detector
 from pipelines.learning.detector.frame_views import random_example
@@ -40,11 +44,13 @@ from tests.stages.toy_root import STAMP, write_root
 from tools.gpu_training import (
     compare_losses,
     geometry_stream,
+    graspnet_frames,
     labelled_objects,
     rendering,
     schedule,
     small_frames,
     train,
+    train_detector,
     train_together,
 )
 from tools.gpu_training.train_detector import DetectorRun
@@ -80,6 +86,16 @@ def test_meshes_regions_and_symmetries_arrive_as_they_were(objects):
             for a, b in zip(one.symmetries, other.symmetries, strict=True):
                 np.testing.assert_array_equal(a.point, b.point)
                 np.testing.assert_array_equal(a.direction, b.direction)
+
+
+def test_a_mesh_may_have_more_vertices_than_sixteen_bits_can_number(objects):
+    box, ball = objects[0][0], objects[0][2]
+    vertices = np.random.default_rng(0).random((70_000, 3))
+    mesh = Mesh(vertices, np.array([[0, 1, 69_999]]))
+    big = replace(box, scene=replace(box.scene, mesh=mesh))
+    rows = [labelled_objects._rows(each)["faces"] for each in (big, ball)]
+    assert rows[0].max() == 69_999
+    assert np.concatenate(rows)[0].tolist() == [0, 1, 69_999]
 
 
 def test_the_sample_of_a_surface_covers_all_of_it(objects):
@@ -269,3 +285,136 @@ def test_rows_of_one_seed_learn_separately_from_the_same_regions(objects, monkey
     with torch.no_grad():
         loss = sample_loss(resumed.step.module.eval(), *samples, plans[0].config, CPU)["total"]
     assert compare_losses.mean_loss(path, plans[0], 2 * samples) == pytest.approx(float(loss))
+
+
+class Worker:
+    """A process that renders, or has ended."""
+
+    def __init__(self, alive):
+        self.is_alive = lambda: alive
+
+
+def renderers_of(waiting, *workers):
+    made = object.__new__(rendering.Renderers)
+    made.queue, made._workers = queue.Queue(), workers
+    for each in waiting:
+        made.queue.put(each)
+    return made
+
+
+def rendered(path, limit=None):
+    """What a process that renders the objects of `path` puts into its queue before it ends."""
+    out = queue.Queue()
+    rendering._render(0, 1, path, 0, limit, out, threading.Event())
+    return out.get_nowait()
+
+
+def test_a_file_without_objects_ends_the_training_in_a_sentence(objects, tmp_path, monkeypatch):
+    path = tmp_path / "objects.xz"
+    for error, found in (
+        (MissingInputError, rendered(path)),
+        (FormatError, rendered(Path(__file__))),
+    ):
+        with pytest.raises(error, match="labelled_objects"):
+            train.first_regions(renderers_of([found], Worker(alive=False)), 10, CPU)
+    monkeypatch.setattr(labelled_objects, "read", lambda path: objects[1])
+    assert isinstance(rendered(path, limit=0), ValueRangeError)
+
+
+def test_objects_that_are_never_visible_end_the_training(monkeypatch):
+    class Unseen:
+        def regions(self, number):
+            raise SymgraspError("no region is visible")
+
+    monkeypatch.setattr(rendering, "scenes_of_file", lambda *_: Unseen())
+    with pytest.raises(SymgraspError, match="no region is visible"):
+        renderers_of([rendered(Path("objects.xz"))], Worker(alive=True)).waiting()
+
+
+def test_a_training_ends_if_all_processes_that_render_have_ended():
+    rows = [np.zeros((1, *each), np.float32) for each in rendering.SHAPES]
+    renderers = renderers_of([rows], Worker(alive=False), Worker(alive=False))
+    ring = rendering.RegionRing(4, CPU)
+    with pytest.raises(SymgraspError, match="all processes that render regions have ended"):
+        ring.take_in(renderers, 2)
+    assert len(ring) == 1
+    ring.take_in(renderers_of([], Worker(alive=False), Worker(alive=True)), 2)
+
+
+@pytest.fixture
+def ring(objects, monkeypatch):
+    for name in ("_normal", "_uniform", "_rotations"):  # replaced for the whole process
+        monkeypatch.setattr(augmentation, name, getattr(augmentation, name))
+    monkeypatch.setattr(torch, "set_default_device", lambda device: None)
+    train.prepare_layers(CPU)
+    made = rendering.RegionRing(4, CPU)
+    for region in EndlessScenes(objects[1], FEW, 1).regions(0):
+        made.add([np.asarray(each, np.float32)[None] for each in rendering._rows(region)])
+    return made
+
+
+TINY = ["network.num_points=96", "num_loss_points=16"]
+
+
+def run_options(tmp_path, **changed):
+    options = {
+        "device": "cpu", "preset": None, "set": TINY, "objects": None, "seed": 0, "workers": 1,
+        "limit": None, "init": None, "capacity": 4, "batch_size": 2, "rate": 0.01, "graph": False,
+        "minutes": 9.0, "averaged": 0.0, "drops": 0, "max_steps": 1,
+        "out": tmp_path / "n.safetensors",
+    }  # fmt: skip
+    return argparse.Namespace(**{**options, **changed})
+
+
+@pytest.fixture
+def run_on_ring(ring, monkeypatch, tmp_path):
+    monkeypatch.setattr(train, "Renderers", lambda *_: argparse.Namespace(end=lambda: None))
+    monkeypatch.setattr(train, "first_regions", lambda *_: ring)
+    monkeypatch.setattr(ring, "take_in", lambda renderers, scenes: None)
+    return lambda **changed: train.run_training(run_options(tmp_path, **changed))
+
+
+def test_weights_of_no_step_are_not_written(run_on_ring, tmp_path):
+    with pytest.raises(ValueRangeError, match="--minutes is 0"):
+        run_on_ring(minutes=0.0)
+    assert not list(tmp_path.iterdir())
+
+
+def test_only_weights_of_the_same_network_continue(run_on_ring, tmp_path):
+    run_on_ring()
+    first = tmp_path / "n.safetensors"
+    run_on_ring(init=first, out=tmp_path / "more.safetensors")
+    changed = [*TINY, "network.canonical_frame=false"]
+    with pytest.raises(FormatError, match="canonical_frame=True"):
+        run_on_ring(init=first, set=changed)
+
+
+def test_the_learning_rate_counts_on_the_cpu_too(ring):
+    config = train.train_config(None, TINY)
+    module, sample = SymmetryGraspNet(config.network), train.drawn_sample(ring, 2, config)
+    step = train.GraphStep(module.train(), sample, config, 0.01, as_graph=False)
+    before = {name: each.detach().clone() for name, each in module.named_parameters()}
+    step.run(sample, 0.0, 0.0)
+    assert all(torch.equal(each, before[name]) for name, each in module.named_parameters())
+
+
+def test_a_detector_has_frames_to_learn_from_before_processes_read_them(tmp_path):
+    options = argparse.Namespace(frames=[tmp_path / "frames.npz"])
+    with pytest.raises(MissingInputError, match="small_frames"):
+        train_detector.train_detector(options)
+    options.frames[0].write_bytes(b"no archive")
+    with pytest.raises(FormatError, match="holds no frames of a detector"):
+        train_detector.train_detector(options)
+    with pytest.raises(ValueRangeError, match="number of frames in"):
+        small_frames.write(tmp_path / "small.npz", [tmp_path])
+
+
+def test_frames_of_graspnet_are_named_if_there_are_none(tmp_path):
+    path = tmp_path / "frames.xz"
+    with pytest.raises(MissingInputError, match="train-baseline graspnet"):
+        graspnet_frames.pack_frames(path, tmp_path)
+    with pytest.raises(MissingInputError, match="graspnet_frames pack"):
+        graspnet_frames.unpack_frames(path, tmp_path)
+    path.write_bytes(b"no archive")
+    with pytest.raises(FormatError, match="holds no packed frames"):
+        graspnet_frames.unpack_frames(path, tmp_path)

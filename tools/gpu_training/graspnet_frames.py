@@ -18,16 +18,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.errors import errors_as_sentences
+from pipelines.contents import reason
+from pipelines.errors import FormatError, MissingInputError, errors_as_sentences
 from pipelines.learning.peers.peer import (
     Arrays,
     count_peer_frames,
     read_peer_frame,
     write_peer_frames,
 )
-from pipelines.storage.files import write_bytes
+from pipelines.storage.array_files import DAMAGED
+from pipelines.storage.files import existing, write_bytes
 from pipelines.storage.provenance import Stamp, digest, make_stamp
 
+WRITTEN_BY = "python -m tools.gpu_training.graspnet_frames pack"
 MOST_POINTS = 16_000  # points of a cloud
 LABELS = ("cell", "friction", "width", "tolerance")
 UNCHANGED = ("points", "object", "turns", "up")  # arrays stored unchanged
@@ -83,7 +86,11 @@ def unpacked_scene(arrays: Arrays) -> list[Arrays]:
 
 
 def pack_frames(path: Path, folder: Path) -> int:
-    """Write the prepared frames of `folder`; return their number."""
+    """Write the prepared frames of `folder`; return their number.
+
+    Raises:
+        MissingInputError: the folder has no prepared frames.
+    """
     arrays: Arrays = {}
     rng = np.random.default_rng(0)
     total = 0
@@ -93,6 +100,8 @@ def pack_frames(path: Path, folder: Path) -> int:
         scene = packed_scene(frames, rng)
         arrays |= {f"{file.stem}/{name}": each for name, each in scene.items()}
         total += count
+    if not total:
+        raise MissingInputError(folder / "*.h5", "symgrasp train-baseline graspnet")
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)
     write_bytes(path, lzma.compress(buffer.getvalue(), preset=6))
@@ -100,11 +109,22 @@ def pack_frames(path: Path, folder: Path) -> int:
 
 
 def unpack_frames(path: Path, folder: Path) -> int:
-    """Write the frames of `pack_frames` as prepared frames into `folder`; return their number."""
+    """Write the frames of `pack_frames` as prepared frames into `folder`; return their number.
+
+    Raises:
+        MissingInputError: there is no file `path`.
+        FormatError: the file is damaged, or holds something else.
+    """
+    packed = existing(path, WRITTEN_BY).read_bytes()
     stamp: Stamp = make_stamp(
         "train-baseline", {"method": "graspnet"}, inputs={"packed": digest(path)}
     )
-    with np.load(io.BytesIO(lzma.decompress(path.read_bytes())), allow_pickle=False) as file:
+    try:
+        file = np.load(io.BytesIO(lzma.decompress(packed)), allow_pickle=False)
+    except (*DAMAGED, lzma.LZMAError) as error:
+        found = f"holds no packed frames ({reason(error)})"
+        raise FormatError(path, found, f"a file of `{WRITTEN_BY}` is expected") from error
+    with file:
         names = sorted({name.split("/")[0] for name in file.files})
         keys = {name: [key for key in file.files if key.startswith(f"{name}/")] for name in names}
         total = 0

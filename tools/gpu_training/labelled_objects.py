@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from pipelines.array_types import Array
 from pipelines.configs import EndlessConfig
+from pipelines.contents import reason
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
-from pipelines.errors import errors_as_sentences
+from pipelines.errors import FormatError, ValueRangeError, errors_as_sentences
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.region_masks import RegionedObject
 from pipelines.geometry.symmetry import (
@@ -30,7 +31,8 @@ from pipelines.geometry.symmetry import (
     Symmetry,
 )
 from pipelines.grasping.labelled_regions import LabelledSurface
-from pipelines.storage.files import write_bytes
+from pipelines.storage.array_files import DAMAGED
+from pipelines.storage.files import existing, write_bytes
 from pipelines.synthesis.endless import (
     EndlessScenes,
     LabelledObject,
@@ -39,6 +41,7 @@ from pipelines.synthesis.endless import (
 )
 from pipelines.synthesis.scenes.tables import SceneObject
 
+WRITTEN_BY = "python -m tools.gpu_training.labelled_objects"
 STEPS = 65535  # steps of a coordinate over the object's box
 SURFACE_POINTS = 2048  # per object; labels have 4,096
 MOST_PIECE_VERTICES = 6000  # vertices of all convex pieces; objects with more are left out
@@ -74,7 +77,8 @@ def _rows(each: LabelledObject) -> dict[str, NDArray[Any]]:
     whole = [np.round((p - low) / _span(low, high) * STEPS).astype(np.uint16) for p in places]
     return {
         "vertices": whole[0],
-        "faces": mesh.faces.astype(np.uint16),
+        # Scanned meshes may have more vertices than 16 bits can number.
+        "faces": mesh.faces.astype(np.uint16 if len(mesh.vertices) <= STEPS else np.uint32),
         "surface": whole[1],
         "affordance": np.round(255 * each.surface.affordance[sample]).astype(np.uint8),
         "piece_vertices": np.concatenate(whole[2:]),
@@ -86,11 +90,21 @@ def _rows(each: LabelledObject) -> dict[str, NDArray[Any]]:
 
 
 def read(path: Path) -> dict[int, LabelledObject]:
-    """Return the objects of a file of `write`, numbered from 0."""
-    with np.load(io.BytesIO(lzma.decompress(path.read_bytes())), allow_pickle=False) as file:
-        arrays = {name: file[name] for name in file.files}
-    labels, taken = json.loads(arrays["regions"].tobytes()), _Columns(arrays)
-    return {n: _object(n, taken, regions) for n, regions in enumerate(labels)}
+    """Return the objects of a file of `write`, numbered from 0.
+
+    Raises:
+        MissingInputError: there is no such file.
+        FormatError: the file is damaged, or holds something else.
+    """
+    packed = existing(path, WRITTEN_BY).read_bytes()
+    try:
+        with np.load(io.BytesIO(lzma.decompress(packed)), allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        labels, taken = json.loads(arrays["regions"].tobytes()), _Columns(arrays)
+        return {n: _object(n, taken, regions) for n, regions in enumerate(labels)}
+    except (*DAMAGED, lzma.LZMAError) as error:
+        found = f"holds no labelled objects ({reason(error)})"
+        raise FormatError(path, found, f"a file of `{WRITTEN_BY}` is expected") from error
 
 
 class _Columns:
@@ -162,8 +176,14 @@ def _symmetry(
 
 
 def scenes_of_file(path: Path, seed: int, limit: int | None = None) -> EndlessScenes:
-    """Return endless scenes of the first `limit` objects of a file of `write`."""
+    """Return endless scenes of the first `limit` objects of a file of `write`.
+
+    Raises:
+        ValueRangeError: there are no such objects.
+    """
     objects = dict(list(read(path).items())[:limit])
+    if not objects:
+        raise ValueRangeError(f"number of objects to render of {path}", 0, "at least 1")
     return EndlessScenes(objects, EndlessConfig(), seed)
 
 

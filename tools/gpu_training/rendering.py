@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from pipelines.configs import TrainConfig
@@ -19,7 +20,9 @@ from pipelines.network.region_batch import RegionBatch
 from pipelines.tabletop.levelling import level_axes, table_of_row
 from tools.gpu_training.labelled_objects import scenes_of_file
 
+Rows = tuple[NDArray[np.float32], ...]  # regions of a scene, one array for each of `SHAPES`
 POINTS = 2048  # points of a rendered region
+MOST_EMPTY = 20  # scenes without a region, one after the other, that a process tries
 # Shapes of a region's arrays: points about their centroid, affordance, existence, centres,
 # directions; the network's axes and the centroid's height, each with and without a table; the
 # camera's place relative to the centroid.
@@ -27,7 +30,10 @@ SHAPES = ((POINTS, 3), (POINTS,), (5,), (5, 3), (5, 3), (2, 3, 3), (2,), (3,))
 
 
 class Renderers:
-    """Processes that render the first `limit` objects of a file, scene by scene."""
+    """Processes that render the first `limit` objects of a file, scene by scene.
+
+    A process that cannot go on ends the training: `waiting` raises its error.
+    """
 
     def __init__(self, objects: Path, seed: int, workers: int, limit: int | None = None) -> None:
         context = get_context("spawn")
@@ -40,6 +46,25 @@ class Renderers:
         for worker in self._workers:
             worker.start()
 
+    def waiting(self) -> Rows | None:
+        """Return the regions of a waiting scene; None if no scene waits.
+
+        Raises:
+            SymgraspError: a process has failed, or all have ended.
+        """
+        # Before the look into the queue, which has all of an ended process.
+        is_rendering = any(worker.is_alive() for worker in self._workers)
+        try:
+            found: Rows | SymgraspError = self.queue.get_nowait()
+        except queue.Empty:
+            if is_rendering:
+                return None
+            ended = "all processes that render regions have ended, perhaps for lack of memory"
+            raise SymgraspError(f"{ended}; give fewer --workers") from None
+        if isinstance(found, SymgraspError):
+            raise found
+        return found
+
     def end(self) -> None:
         """End the processes."""
         self._stop.set()
@@ -51,16 +76,22 @@ def _render(
     first: int, step: int, objects: Path, seed: int, limit: int | None, out: Queue, stop: Event
 ) -> None:
     cv2.setNumThreads(1)
-    scenes, number = scenes_of_file(objects, seed, limit), first
-    while not stop.is_set():
-        try:
-            regions = scenes.regions(number)
-        except SymgraspError:  # no region of this scene is visible
-            regions = []
-        if regions:
-            rows = zip(*(_rows(region) for region in regions), strict=True)
-            out.put(tuple(np.stack(each).astype(np.float32) for each in rows))
-        number += step
+    number, empty = first, 0
+    try:
+        scenes = scenes_of_file(objects, seed, limit)
+        while not stop.is_set():
+            try:
+                regions, empty = scenes.regions(number), 0
+            except SymgraspError:  # no region of this scene is visible
+                regions, empty = [], empty + 1
+                if empty == MOST_EMPTY:
+                    raise
+            if regions:
+                rows = zip(*(_rows(region) for region in regions), strict=True)
+                out.put(tuple(np.stack(each).astype(np.float32) for each in rows))
+            number += step
+    except SymgraspError as error:
+        out.put(error)
 
 
 def _rows(region: PackedRegion) -> tuple[np.ndarray, ...]:
@@ -97,10 +128,10 @@ class RegionRing:
     def take_in(self, renderers: Renderers, scenes: int) -> None:
         """Add the regions of at most `scenes` waiting scenes."""
         for _ in range(scenes):
-            try:
-                self.add(renderers.queue.get_nowait())
-            except queue.Empty:
+            rows = renderers.waiting()
+            if rows is None:
                 return
+            self.add(rows)
 
     def batch(self, rows: Tensor, config: TrainConfig, lost_table: float) -> RegionBatch:
         """Return the regions `rows` (B,) as `draw_points` of `symgrasp train` makes them."""

@@ -15,21 +15,28 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.contents import reason
 from pipelines.dataset.training import detector_frames
 from pipelines.dataset.training.detector_frames import DetectorFrame
-from pipelines.errors import errors_as_sentences
+from pipelines.errors import FormatError, ValueRangeError, errors_as_sentences
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.pointcloud import Plane
-from pipelines.storage.array_files import write_npz
+from pipelines.storage.array_files import DAMAGED, write_npz
+from pipelines.storage.files import existing
 from pipelines.tabletop.depth_channels import SmallFrame
 
+WRITTEN_BY = "python -m tools.gpu_training.small_frames"
 DEPTH_STEP = 0.0005  # metres
 JPEG_QUALITY = 85
 IMAGES = ("color", "depth", "regions")
 
 
 def write(path: Path, folders: Sequence[Path], stride: int = 1) -> int:
-    """Write every `stride`-th frame of the files in `folders`; return their number."""
+    """Write every `stride`-th frame of the files in `folders`; return their number.
+
+    Raises:
+        ValueRangeError: there is no frame.
+    """
     rows: dict[str, list[Any]] = {name: [] for name in (*IMAGES, "plane", "lens")}
     for file in sorted(each for folder in folders for each in folder.glob("*.h5")):
         for row in range(0, detector_frames.count_frames(file), stride):
@@ -42,6 +49,9 @@ def write(path: Path, folders: Sequence[Path], stride: int = 1) -> int:
             rows["plane"].append([*view.plane.normal, view.plane.offset])
             camera = view.frame.intrinsics
             rows["lens"].append([camera.fx, camera.fy, camera.cx, camera.cy])
+    if not rows["plane"]:
+        where = f"number of frames in {', '.join(map(str, folders))}"
+        raise ValueRangeError(where, 0, "at least 1; give NAME.frames/ROOT")
     arrays = {name: np.array(rows[name]) for name in ("plane", "lens")}
     for name in IMAGES:
         arrays[name] = np.concatenate(rows[name])
@@ -52,6 +62,21 @@ def write(path: Path, folders: Sequence[Path], stride: int = 1) -> int:
 
 def _encoded(kind: str, image: NDArray[Any], options: list[int]) -> NDArray[np.uint8]:
     return np.asarray(cv2.imencode(kind, image, options)[1], np.uint8).ravel()
+
+
+def count_small_frames(path: Path) -> int:
+    """Return the number of frames in a file of `write`.
+
+    Raises:
+        MissingInputError: there is no such file.
+        FormatError: the file is damaged, or holds something else.
+    """
+    try:
+        with np.load(existing(path, WRITTEN_BY), allow_pickle=False) as file:
+            return len(file["plane"])
+    except DAMAGED as error:
+        found = f"holds no frames of a detector ({reason(error)})"
+        raise FormatError(path, found, f"a file of `{WRITTEN_BY}` is expected") from error
 
 
 class SmallFrames:

@@ -12,15 +12,16 @@ from torch import Tensor
 from pipelines.configs import TrainConfig
 from pipelines.configs.presets import PRESETS, preset_settings
 from pipelines.configs.settings import changed, changed_by_text
-from pipelines.errors import errors_as_sentences
+from pipelines.errors import ValueRangeError, errors_as_sentences
 from pipelines.learning.grasp_network.grasp_training import Sample, sample_loss
 from pipelines.learning.loop.loop import CLIP_NORM, LOG_SECONDS
 from pipelines.network import augmentation, pointnet2, sampling
 from pipelines.network.losses import NUM_ERROR_POINTS
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.region_batch import RegionBatch
-from pipelines.network.weights_files import weights_metadata, widened
-from pipelines.storage.checkpoints import load_weights, save_weights
+from pipelines.network.weights_files import weights_metadata
+from pipelines.storage.checkpoints import save_weights
+from pipelines.train import build
 from tools.gpu_training.rendering import RegionRing, Renderers
 from tools.gpu_training.schedule import Schedule
 
@@ -47,7 +48,7 @@ class GraphStep:
         self.loss = torch.zeros((), device=self.device)
         self.parameters = list(module.parameters())
         self.optimizer = torch.optim.Adam(
-            self.parameters, lr=self.rate if on_gpu else rate, capturable=on_gpu
+            self.parameters, lr=self.rate, capturable=on_gpu, foreach=on_gpu
         )
         state = module.state_dict()
         self.names = [name for name, each in state.items() if each.is_floating_point()]
@@ -163,6 +164,19 @@ def train_config(preset: str | None, settings: Sequence[str] = ()) -> TrainConfi
     return config
 
 
+def seconds_left(began: float, minutes: float) -> float:
+    """Return the seconds that are left of `minutes` since `began`, on the monotonic clock.
+
+    Raises:
+        ValueRangeError: none are left, so that only untrained weights could be written.
+    """
+    passed = time.monotonic() - began
+    if passed >= 60.0 * minutes:
+        expected = f"more: the first regions took {passed:.0f} s, and no time is left for a step"
+        raise ValueRangeError("--minutes", minutes, expected)
+    return 60.0 * minutes - passed
+
+
 def run_training(options: argparse.Namespace) -> None:
     """Train until the minutes are over, and write the mean of the weights."""
     device = torch.device(options.device)
@@ -170,14 +184,13 @@ def run_training(options: argparse.Namespace) -> None:
     renderers = Renderers(options.objects, options.seed, options.workers, options.limit)
     prepare_layers(device)
     torch.manual_seed(options.seed)
-    module = SymmetryGraspNet(config.network).to(device).train()
-    if options.init is not None:
-        module.load_state_dict(widened(load_weights(options.init)[0], module))
+    module = build(config, options.seed, options.init).to(device).train()
     began, ring = time.monotonic(), first_regions(renderers, options.capacity, device)
     first = drawn_sample(ring, options.batch_size, config)
     step = GraphStep(module, first, config, options.rate, as_graph=options.graph)
-    end, started = began + 60.0 * options.minutes, time.monotonic()
-    schedule, steps = Schedule(options.rate, end - started, options.averaged, options.drops), 0
+    started, seconds = time.monotonic(), seconds_left(began, options.minutes)
+    end = started + seconds
+    schedule, steps = Schedule(options.rate, seconds, options.averaged, options.drops), 0
     reported = started
     while (now := time.monotonic()) < end and steps < options.max_steps:
         averaged = min(schedule.averaged, (steps + 1) / (steps + 11.0))

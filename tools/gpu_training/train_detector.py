@@ -24,7 +24,7 @@ from pipelines.network.detection.detector import MODEL_NAME
 from pipelines.network.weights_files import weights_metadata
 from pipelines.storage.checkpoints import save_weights
 from tools.gpu_training.schedule import Schedule
-from tools.gpu_training.small_frames import SmallFrames
+from tools.gpu_training.small_frames import SmallFrames, count_small_frames
 
 SAVE_SECONDS = 60.0
 LOOK_STEPS = 20  # steps between reads of the losses
@@ -96,6 +96,8 @@ class DetectorRun:
 def train_detector(options: argparse.Namespace) -> None:
     """Train until the minutes are over, and write the mean of the weights."""
     began = time.monotonic()
+    for file in options.frames:  # before processes read them, whose errors are no sentences
+        count_small_frames(file)
     config = replace(FinetuneDetectorConfig(), detector=DetectorConfig(input=options.input))
     detector = starting_detector(config, options.seed, init=options.init)
     torch.backends.cudnn.allow_tf32 = torch.backends.cuda.matmul.allow_tf32 = True

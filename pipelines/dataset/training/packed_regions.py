@@ -7,6 +7,7 @@ Camera frame (OpenCV axes), metres. Slots as in `geometry/symmetry.py`: 0-2 refl
 import bisect
 import itertools
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -15,9 +16,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.array_types import Singles
+from pipelines.array_types import Mask, Singles
 from pipelines.errors import FormatError, MissingInputError
-from pipelines.geometry.symmetry import NUM_SLOTS
+from pipelines.geometry.symmetry import NUM_SLOTS, SPHERE_SLOT
 from pipelines.storage.h5_columns import (
     ColumnSpec,
     check_version,
@@ -30,6 +31,8 @@ from pipelines.storage.provenance import Stamp
 
 FORMAT_VERSION = 2
 UNITS = {"points": "m", "point": "m"}
+FARTHEST = 100.0  # metres from the camera; millimetres instead of metres are farther
+UNIT_ERROR = 1e-3  # largest error of the length of a unit vector
 MOST_OPEN = 200  # open files; systems allow a process about 1,024
 # The large arrays: one row per chunk and uncompressed, so that training reads rows in any order at
 # the speed of the disk. The other columns are small and kept in memory.
@@ -131,6 +134,7 @@ class _OpenScene:
                 raise FormatError(path, found, "pack the scene again")
             if name != "name" and column.dtype.kind not in "fiu":
                 raise FormatError(path, f"/{name} holds no numbers", "pack the scene again")
+        _check_labels(path, columns)
         return cls(rows, columns)
 
     def region(self, row: int) -> PackedRegion:
@@ -165,15 +169,26 @@ class PackedReader:
         return self._ends[-1]
 
     def __getitem__(self, index: int) -> PackedRegion:
-        """Return region `index`, counted through the files in order of their names."""
+        """Return region `index`, counted through the files in order of their names.
+
+        Raises:
+            FormatError: the region is damaged, or its labels are out of range.
+        """
         scene, row = self.locate(index)
         opened = self._open(scene)
         try:
-            return opened.region(row)
+            region = opened.region(row)
         except OSError as error:
             raise FormatError(
                 self.paths[scene], f"region {row} is damaged ({error})", "pack again"
             ) from error
+        if not (np.abs(region.points) <= FARTHEST).all():
+            found = f"region {row} has points that are not finite or beyond {FARTHEST:.0f} m"
+            raise FormatError(self.paths[scene], found, "pack the scene again")
+        if not ((region.affordance >= 0.0) & (region.affordance <= 1.0)).all():
+            found = f"region {row} has affordances outside of 0 to 1"
+            raise FormatError(self.paths[scene], found, "pack the scene again")
+        return region
 
     def locate(self, index: int) -> tuple[int, int]:
         """Return (index into `paths`, row in that file) of region `index`."""
@@ -194,6 +209,33 @@ class PackedReader:
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_scenes": {}, "_process": -1}
+
+
+def _check_labels(path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
+    """Raise FormatError if a symmetry or a table is no plane, axis or point.
+
+    Such labels would make the loss of a whole batch, or of the validation, meaningless.
+    """
+    existence, table = columns["existence"], columns["table"]
+    exists, headed = existence > 0.0, np.arange(NUM_SLOTS) != SPHERE_SLOT
+    faults = {
+        "an existence outside of 0 to 1": ~((existence >= 0.0) & (existence <= 1.0)),
+        "a symmetry without a point": exists & ~np.isfinite(columns["point"]).all(-1),
+        "a symmetry without a unit direction": exists & headed & ~_are_units(columns["direction"]),
+        "a table without a unit normal": (np.isfinite(table).all(-1) & ~_are_units(table[:, :3]))[
+            :, None
+        ],
+    }
+    for fault, rows in faults.items():
+        if rows.any():
+            row = int(rows.any(-1).argmax())
+            raise FormatError(path, f"region {row} has {fault}", "pack the scene again")
+
+
+def _are_units(vectors: NDArray[Any]) -> Mask:
+    """Return which of `vectors` (..., 3) have unit length; nan has not."""
+    length = np.linalg.norm(vectors.astype(np.float64), axis=-1)
+    return np.asarray(np.abs(length - 1.0) < UNIT_ERROR)
 
 
 def _count(path: Path) -> int:

@@ -104,8 +104,7 @@ def draw_points(
         ground = table.height(centroid).astype(np.float32) if table else ground
     center: Singles = np.nan_to_num(region.point - centroid) @ axes.T
     direction: Singles = np.nan_to_num(region.direction) @ axes.T
-    affordance = np.nan_to_num(region.affordance[chosen])
-    labels = affordance, region.existence, center, direction
+    labels = region.affordance[chosen], region.existence, center, direction
     return (points - centroid) @ axes.T, *labels, ground, -axes @ centroid
 
 

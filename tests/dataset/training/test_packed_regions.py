@@ -21,13 +21,14 @@ STAMP = make_stamp("pack", {"num_points": 16})
 
 def packed(count: int, first_id: int = 0) -> PackedScene:
     rng = np.random.default_rng(first_id)
+    direction = rng.random((count, 5, 3))
     return PackedScene(
         points=rng.random((count, 16, 3)),
         affordance=rng.random((count, 16)),
         existence=rng.random((count, 5)) > 0.5,
-        point=np.full((count, 5, 3), np.nan),
-        direction=rng.random((count, 5, 3)),
-        table=rng.random((count, 4)),
+        point=rng.random((count, 5, 3)),
+        direction=direction / np.linalg.norm(direction, axis=-1, keepdims=True),
+        table=np.full((count, 4), np.nan),
         object_id=np.arange(count) + first_id,
         frame_id=np.zeros(count),
         name=np.array([f"part {i}" for i in range(count)], object),
@@ -148,3 +149,42 @@ def test_columns_of_another_shape_are_reported_in_one_sentence(folder: Path, nam
         file[name] = column[..., None]
     with pytest.raises(FormatError, match=f"/{name}"):
         PackedReader(folder)[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "fault"),
+    [
+        ("points", np.nan, "region 1 has points that are not finite or beyond 100 m"),
+        ("points", 500.0, "region 1 has points that are not finite or beyond 100 m"),
+        ("affordance", np.nan, "region 1 has affordances outside of 0 to 1"),
+        ("affordance", 7.0, "region 1 has affordances outside of 0 to 1"),
+        ("existence", np.nan, "region 1 has an existence outside of 0 to 1"),
+        ("existence", 3.0, "region 1 has an existence outside of 0 to 1"),
+        ("point", np.nan, "region 1 has a symmetry without a point"),
+        ("direction", np.nan, "region 1 has a symmetry without a unit direction"),
+        ("direction", 5.0, "region 1 has a symmetry without a unit direction"),
+        ("table", 0.0, "region 1 has a table without a unit normal"),
+    ],
+)
+def test_labels_that_no_network_can_learn_from_are_named(folder, name, value, fault) -> None:
+    path = folder / "scene_0000.h5"
+    with h5py.File(path, "r+") as file:
+        rows = file[name][()]
+        rows[1].flat[:4] = value
+        file[name][...] = rows
+        existence = file["existence"][()]
+        existence[1, 0] = value if name == "existence" else 1.0
+        file["existence"][...] = existence
+    with pytest.raises(FormatError, match=f"scene_0000.h5: {fault}"):
+        PackedReader(folder)[1]
+    assert PackedReader(folder)[3].object_id == 20
+
+
+def test_a_sphere_has_no_direction_and_an_empty_slot_nothing(folder) -> None:
+    with h5py.File(folder / "scene_0000.h5", "r+") as file:
+        file["existence"][...] = np.array([0.0, 0.0, 0.0, 0.0, 1.0])
+        file["direction"][...] = np.nan
+        point = file["point"][()]
+        point[:, :4] = np.nan
+        file["point"][...] = point
+    assert PackedReader(folder)[1].existence.sum() == 1.0

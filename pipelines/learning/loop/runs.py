@@ -120,9 +120,11 @@ def find_progress(output: Path, stamp: Stamp, request: RunRequest) -> Progress |
     checkpoint = file_of_run(output, CHECKPOINT)
     if not (checkpoint.exists() or output.exists()):
         return None
+    if request.overwrite and not request.resume:
+        return None  # whatever the checkpoint holds: it may be damaged
     wanted, found = stamp.as_json(), (read_stamp(checkpoint) or {} if checkpoint.exists() else {})
     changed = [key for key in COMPARED if found.get(key) != wanted[key]]
-    if request.overwrite and (changed or not request.resume):
+    if request.overwrite and changed:
         return None
     if not checkpoint.exists():
         raise SymgraspError(

@@ -311,6 +311,15 @@ def test_a_command_with_overwrite_and_resume_resumes_its_own_run_and_replaces_an
     assert find_progress(output, STAMP, RunRequest(overwrite=True)) is None
 
 
+@pytest.mark.parametrize("content", [b"", b"cut off"])
+def test_a_damaged_checkpoint_is_overwritten_on_request(tmp_path, content):
+    output = tmp_path / "line.safetensors"
+    file_of_run(output, CHECKPOINT).write_bytes(content)
+    with pytest.raises(FormatError, match="not a whole safetensors file"):
+        find_progress(output, STAMP, RunRequest())
+    assert find_progress(output, STAMP, RunRequest(overwrite=True)) is None
+
+
 def test_missing_weights_are_written_again_from_the_checkpoint(tmp_path, whole):
     output = tmp_path / "line.safetensors"
     for path in whole[Line], file_of_run(whole[Line], CHECKPOINT):

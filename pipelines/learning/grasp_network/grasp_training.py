@@ -1,5 +1,6 @@
 """The grasp network as a `Trainee`: data, Siamese loss, figures (Sec. III-E)."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import cast
@@ -117,6 +118,8 @@ class GraspTraining:
             points = truth.points[:, :: max(1, network.num_points // NUM_ERROR_POINTS)]
             terms = total_loss(prediction, truth, None, judged, points)
             losses.append(float(terms["total"]))
+            if not math.isfinite(losses[-1]):  # the figures need finite predictions
+                return {"loss": math.nan}
             weights.append(len(truth))
             figures.add(prediction, truth)
         return {"loss": float(np.average(losses, weights=weights)), **figures.figures()}

@@ -104,6 +104,7 @@ class TrainingRun:
         Raises:
             TrainingStopped: SIGTERM or Ctrl-C came; a checkpoint is written.
             ValueRangeError: the loss or its gradient is not finite; the batch is kept.
+            SymgraspError: the figure of every validation was not finite; there are no weights.
         """
         self.processes.wait()  # no process writes before all have read
         self._steps_before = self.progress.total_steps
@@ -123,6 +124,8 @@ class TrainingRun:
             self.files.finish(self.progress)
         if self.progress.finished or not is_saved:
             self._save_checkpoint()
+        if self.progress.finished and self.processes.is_first:
+            self.files.refuse_no_weights(self.progress)
         if reason > StopReason.TIME_LIMIT and not self.progress.finished:
             raise TrainingStopped(
                 reason,

@@ -17,6 +17,7 @@ import torch
 from torch import Tensor
 
 from pipelines.contents import reading
+from pipelines.errors import ValueRangeError
 from pipelines.learning.loop.runs import (
     CHECKPOINT,
     CURVES,
@@ -119,6 +120,16 @@ class RunFiles:
         """Write the best weights of a finished run, if a kill has prevented that."""
         if self._best and (progress.kept != progress.figures or not self.output.exists()):
             self._write_best(progress)
+
+    def refuse_no_weights(self, progress: Progress) -> None:
+        """Raise ValueRangeError if no weights of a finished run are the best.
+
+        Otherwise a run without an output would look like any other.
+        """
+        if progress.best is None:
+            found = progress.history.val.get(self.trainee.best_by, [(0, math.nan)])[-1][1]
+            expected = f"finite; {self.output} is not written; a lower learning rate may help"
+            raise ValueRangeError(f"{self.trainee.best_by} of all validations", found, expected)
 
     def _write_best(self, progress: Progress) -> None:
         # The checkpoint comes first: weights without one would be taken for another run's.

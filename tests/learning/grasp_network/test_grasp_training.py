@@ -1,5 +1,6 @@
 """The grasp network's training, by the interface that the training loop uses."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -161,3 +162,13 @@ def test_validation_reports_figures_of_all_kinds(regions):
     names = {"loss", "affordance_auc", "plane_angle_deg", "axis_angle_deg", "sphere_offset_m"}
     assert names <= figures.keys()
     assert all(np.isfinite(value) for value in figures.values())
+
+
+def test_diverged_weights_have_no_figures(regions):
+    trainee = training(regions)
+    with torch.no_grad():
+        trainee.module.heads.symmetry[-1].bias.fill_(math.nan)
+    trainee.module.eval()
+    figures = trainee.validate()
+    assert [*figures] == ["loss"]
+    assert math.isnan(figures["loss"])

@@ -463,6 +463,18 @@ def test_a_time_limit_stops_cleanly_with_a_checkpoint(tmp_path):
     assert file_of_run(tmp_path / "line.safetensors", CHECKPOINT).exists()
 
 
+def test_a_run_without_a_finite_validation_fails_in_a_sentence(tmp_path):
+    class Lost(Line):
+        def validate(self):
+            return {"loss": math.nan}
+
+    output = tmp_path / "line.safetensors"
+    for resume in (False, True):
+        with pytest.raises(ValueRangeError, match=r"loss of all validations is nan.*not written"):
+            trained(output, trainee=Lost(), resume=resume)
+        assert not output.exists()
+
+
 def test_a_loss_that_is_not_finite_stops_with_a_sentence_and_keeps_the_batch(tmp_path):
     output, trainee = tmp_path / "line.safetensors", Line(faulty_item=33)
     with pytest.raises(ValueRangeError, match=r"loss at epoch 1, step \d+ .* finite.*holds the"):

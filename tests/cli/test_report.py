@@ -61,6 +61,7 @@ def test_a_report_names_counts_the_output_and_the_next_command(capsys, tmp_path)
 def test_pack_is_next_after_labels_only_where_there_are_scenes(tmp_path, monkeypatch, has_scenes):
     if has_scenes:
         (tmp_path / "scenes").mkdir()
+    (tmp_path / "affordance").mkdir()
     report = StageReport("refine-grasps", ["000"])
     monkeypatch.setattr(refine_grasps, "run", lambda *_, **__: report)
     result = CliRunner().invoke(app, ["refine-grasps", str(tmp_path)])
@@ -73,6 +74,13 @@ def test_no_next_command_is_named_where_nothing_is_finished(capsys, tmp_path):
     assert code == 1
     assert "error: b: it is bad" in err
     assert "next:" not in err
+
+
+def test_no_next_command_is_named_before_there_is_an_output(capsys, tmp_path):
+    """A training may stop at its time limit before it has weights."""
+    report = StageReport("train", done=["a"])
+    conclude(report, tmp_path / "missing", then=("infer",))
+    assert "next:" not in capsys.readouterr().err
 
 
 def test_a_quiet_command_reports_failures_only(capsys, tmp_path):

@@ -6,7 +6,7 @@ ranked, by the grasp critic or by Eq. 8, with non-maximum suppression. A pass is
 grasps of earlier passes are expected to be good enough.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -76,8 +76,15 @@ class RegionPlanner:
 
         `passes`: kinds of candidates; None for `passes()`.
         """
+        found = [grasps for _, grasps in self.attempted(region, scene, passes)]
+        return found[-1] if found else RankedGrasps.empty()
+
+    def attempted(
+        self, region: RegionModel, scene: SceneCloud, passes: Sequence[Pass] | None = None
+    ) -> Iterator[tuple[Attempt, RankedGrasps]]:
+        """Yield each attempt at `region` with its grasps, up to the first attempt with grasps."""
         if len(region.cloud) < MIN_POINTS:
-            return RankedGrasps.empty()
+            return
         passes = self.passes() if passes is None else passes
         config, cap = self.config.feasibility, self.config.ranking.clearance_cap
         feasibility = Feasibility.at(region.cloud, scene, self.gripper, config, cap)
@@ -90,9 +97,9 @@ class RegionPlanner:
         )
         for attempt in attempts(feasibility, region.completion):
             found = self._by_passes(passes, region, attempt, context)
+            yield attempt, found
             if len(found):
-                return found
-        return RankedGrasps.empty()
+                return
 
     def _by_passes(
         self,

@@ -23,7 +23,9 @@ from pipelines.geometry.symmetry import REFLECTION_SLOTS, ROTATION_SLOT, SPHERE_
 from pipelines.grasping.ranking import critic_files
 from pipelines.grasping.symmetries.axis_evidence import AXIS_FEATURES
 from pipelines.inference import models
-from pipelines.learning.critics import critic_rows
+from pipelines.inference.observation import observe
+from pipelines.inference.predicted_regions import region_models
+from pipelines.learning.critics import collecting, critic_rows
 from pipelines.learning.critics.collecting import Collector, ModelPaths
 from pipelines.learning.critics.critic_training import CriticTraining
 from pipelines.learning.critics.kinds import CRITIC_KINDS, critic_kind
@@ -126,6 +128,63 @@ def test_candidates_have_the_sources_of_infer(name, roots):
 
     assert count("network") < count("network+shape")
     assert count("shape") < count("network+shape")
+
+
+def test_candidates_are_of_the_regions_in_which_infer_seeks_grasps(roots, monkeypatch):
+    reader = TruthReader(GraspNetRoot(roots[0]), CONFIG.evaluate)
+    files = reader.root.scenes()[0].frames()[0]
+
+    def count(**changed):
+        def seen(*args, **kwargs):
+            found = observe(*args, **kwargs)
+            first, *others = found.regions
+            return replace(found, regions=[replace(first, **changed), *others])
+
+        monkeypatch.setattr(collecting, "observe", seen)
+        return len(Collector(reader, ModelPaths(), CONFIG).observed(files).regions)
+
+    every = count()
+    assert count(source="color") == every
+    assert count(source="color", status="flat") == every - 1
+    limits = replace(CONFIG.infer.limits, box=(5.0, 5.0, 5.0, 6.0, 6.0, 6.0))
+    away = replace(CONFIG, infer=replace(CONFIG.infer, limits=limits))
+    monkeypatch.undo()
+    assert not Collector(reader, ModelPaths(), away).observed(files).regions
+
+
+def test_symmetries_are_fitted_as_in_infer(roots, monkeypatch):
+    reader = TruthReader(GraspNetRoot(roots[0]), CONFIG.evaluate)
+    files, given = reader.root.scenes()[0].frames()[0], []
+
+    def noted(predicted, scene, config, critics):
+        given.append(critics)
+        return region_models(predicted, scene, config, critics)
+
+    monkeypatch.setattr(collecting, "region_models", noted)
+    for is_fitted in (True, False):
+        symmetry = replace(CONFIG.infer.selection.symmetry, is_fitted=is_fitted)
+        selection = replace(CONFIG.infer.selection, symmetry=symmetry)
+        config = replace(CONFIG, infer=replace(CONFIG.infer, selection=selection))
+        collector = Collector(reader, ModelPaths(), config)
+        assert next(collector.rows(CRITIC_KINDS["grasps"], files, np.random.default_rng(0)))
+    assert given[0] is not None
+    assert given[1] is None
+
+
+def test_grasps_open_by_the_checks_of_the_attempt_that_finds_them(roots):
+    """A second attempt ignores unseen sides of other regions, which may fill all the space."""
+    reader = TruthReader(GraspNetRoot(roots[0]), CONFIG.evaluate)
+    collector = Collector(reader, ModelPaths(), CONFIG)
+    frame = collector.observed(reader.root.scenes()[0].frames()[0])
+    selection, critics = CONFIG.infer.selection, models.symmetry_critics()
+    widened, axis = [], np.arange(-0.1, 0.1, 0.005)
+    for model in region_models(frame.regions, frame.scene, selection, critics):
+        block = model.cloud.middle + np.stack(np.meshgrid(axis, axis, axis), -1).reshape(-1, 3)
+        hidden = replace(model, completion=replace(model.completion, others=block))
+        for features, checks in collector._tried(hidden, frame.scene, np.random.default_rng(0)):
+            opened = collector._opened(features, checks)
+            widened += (opened.width > features.feasible.grasps.width).tolist()
+    assert np.mean(widened) > 0.1
 
 
 def test_grasps_have_the_quality_among_true_meshes(outputs):

@@ -95,20 +95,21 @@ class Collector:
                 return self._grasps(frame, rng)
 
     def observed(self, files: FrameFiles) -> ObservedFrame:
-        """Return the regions of one frame that are large enough to be planned."""
+        """Return the regions of one frame in which `infer` seeks grasps."""
         image, truth = self.reader.root.read_frame(files), self.reader.read(files)
         detects = self.config.infer.regions != "geometric"
         detector = models.detector(self.paths.detector, "cpu") if detects else None
         predictor = models.predictor(self.paths.network, "cpu", self.config.infer.mirrored)
         rng = np.random.default_rng(self.seed)
         observation = observe(image, self.config.infer, rng, detector=detector)
-        scene, clouds = observation.scene, observation.clouds
-        owners = assign_regions([r.mask for r in observation.regions], truth, self.config.evaluate)
-        large = [i for i, cloud in enumerate(clouds) if len(cloud) >= MIN_POINTS]
-        regions = predicted_regions([clouds[i] for i in large], scene.plane, predictor)
-        instances = [owners.instance[i] for i in large]
+        scene, (found, clouds) = observation.scene, observation.in_workspace()
+        owners = assign_regions([r.mask for r in found], truth, self.config.evaluate)
+        pairs = enumerate(zip(found, clouds, strict=True))
+        planned = [i for i, (r, cloud) in pairs if r.is_graspable and len(cloud) >= MIN_POINTS]
+        regions = predicted_regions([clouds[i] for i in planned], scene.plane, predictor)
+        instances = [owners.instance[i] for i in planned]
         truths = [truth.regions[i] if i >= 0 else NO_REGION for i in instances]
-        object_ids = [owners.object_id[i] for i in large]
+        object_ids = [owners.object_id[i] for i in planned]
         return ObservedFrame(scene, regions, object_ids, truths, truth.scene)
 
     def _axes(self, frame: ObservedFrame) -> Iterator[CriticRows]:
@@ -145,15 +146,17 @@ class Collector:
         Their truth is the quality among the true meshes, with the opening of `infer` (D. 92).
         """
         selection, scene = self.config.infer.selection, frame.scene
-        critics = models.symmetry_critics(self.paths.axis_critic, self.paths.plane_critic)
+        critics = None
+        if selection.symmetry.is_fitted:
+            critics = models.symmetry_critics(self.paths.axis_critic, self.paths.plane_critic)
         planned = region_models(frame.regions, scene, selection, critics)
         for model, object_id in zip(planned, frame.object_ids, strict=True):
             if object_id < 0:
                 continue
-            for features in self._tried(model, scene, rng):
+            for features, checks in self._tried(model, scene, rng):
                 chosen = np.sort(rng.permutation(len(features.feasible))[: self.config.max_grasps])
                 candidates = features.candidates()[chosen]
-                opened = self._opened(features, model, scene)[chosen]
+                opened = self._opened(features, checks)[chosen]
                 yield CriticRows.of_group(
                     features.points()[chosen],
                     candidates[:, :0],
@@ -164,21 +167,25 @@ class Collector:
 
     def _tried(
         self, model: RegionModel, scene: SceneCloud, rng: np.random.Generator
-    ) -> list[GraspFeatures]:
-        """Return the features of the grasps of each pass, which get random scores."""
+    ) -> list[tuple[GraspFeatures, Feasibility]]:
+        """Return the features of the grasps of each pass, which get random scores.
+
+        With each come the checks of symmetric grasps in the same attempt.
+        """
         seen: list[GraspFeatures] = []
+        tried: list[tuple[GraspFeatures, Feasibility]] = []
 
         def critic(features: GraspFeatures) -> Array:
             seen.append(features)
             return HIGHEST_SCORE * rng.random(len(features.feasible))
 
-        RegionPlanner(self.gripper, self.config.infer.selection, critic).plan(model, scene)
-        return seen
+        planner = RegionPlanner(self.gripper, self.config.infer.selection, critic)
+        for attempt, _ in planner.attempted(model, scene):
+            tried += [(features, attempt.with_own_side) for features in seen]
+            seen.clear()
+        return tried
 
-    def _opened(self, features: GraspFeatures, model: RegionModel, scene: SceneCloud) -> GraspPoses:
+    def _opened(self, features: GraspFeatures, checks: Feasibility) -> GraspPoses:
         """Return the grasps with the opening margins that they would get if they were chosen."""
-        selection, unseen = self.config.infer.selection, model.completion
-        cap = selection.ranking.clearance_cap
-        feasibility = Feasibility.at(model.cloud, scene, self.gripper, selection.feasibility, cap)
-        feasibility = feasibility.with_unseen(unseen.others).with_unseen(unseen.own)
-        return with_opening_margin(features.feasible, feasibility, cap).grasps
+        cap = self.config.infer.selection.ranking.clearance_cap
+        return with_opening_margin(features.feasible, checks, cap).grasps

@@ -20,7 +20,7 @@ from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import transform_points
 from pipelines.grasping.peers.cloud_box import boxed_points
 from pipelines.grasping.scene import SceneCloud
-from pipelines.learning.peers.peer import Arrays
+from pipelines.learning.peers.peer import Arrays, storable
 from pipelines.learning.peers.scene_collisions import checked_collisions
 
 UNITS = 10_000.0  # units per metre of stored points
@@ -81,7 +81,7 @@ def graspnet_frame_arrays(
     height = root.scene(files.scene_id, files.camera).table_from_camera(files.frame_id)[2]
     scene = SceneCloud(depth.astype(np.float64), intrinsics, Plane(height[:3], float(height[3])))
     instances = root.read_label(files)
-    boxed = boxed_points(scene)
+    boxed = boxed_points(scene) & storable(scene.xyz)
     cloud = scene.xyz[boxed]
     found: list[Arrays] = []
     turns: list[Array] = []

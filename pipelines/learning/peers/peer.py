@@ -12,6 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from pipelines.array_types import Array, Mask
 from pipelines.configs import TrainBaselineConfig, from_settings
 from pipelines.configs.peers import PeerNetworkConfig, PeerSchedule
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
@@ -31,6 +32,7 @@ from pipelines.storage.h5_files import new_h5, open_h5
 from pipelines.storage.provenance import Stamp
 
 FORMAT_VERSION = 1
+STORABLE = 3.2767  # metres along an axis: the farthest of tenths of a millimetre in 16 bits
 KEPT = 2048  # frames kept in memory after reading
 
 Arrays = dict[str, NDArray[Any]]
@@ -80,6 +82,11 @@ def count_peer_frames(path: Path) -> int:
     with open_h5(path) as file:
         check_version(path, file.attrs.get("format_version"), FORMAT_VERSION)
         return int(file.attrs["frames"])
+
+
+def storable(points: Array) -> Mask:
+    """Return which of `points` (..., 3), metres, can be stored; farther ones would come near."""
+    return np.asarray((np.abs(points) <= STORABLE).all(axis=-1))
 
 
 @lru_cache(maxsize=KEPT)

@@ -12,7 +12,7 @@ from pipelines.configs.peers import PeerNetworkConfig, PeerSchedule
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_layout import FrameFiles
 from pipelines.grasping.peers.hands import Hands, drawn_points
-from pipelines.learning.peers.peer import Arrays, Drawn, Peer, PeerTraining
+from pipelines.learning.peers.peer import Arrays, Drawn, Peer, PeerTraining, storable
 from pipelines.learning.peers.pointnetgpd_labels import GOOD, labelled_hands
 from pipelines.network.peers.pointnetgpd import HAND_POINTS, PointNetGPD
 
@@ -35,12 +35,13 @@ def pointnetgpd_frame(
     """Return the labelled hands of a frame and the points of its objects, camera frame.
 
     `rotation` (n, 3, 3), `origin` (n, 3) and `depth` (n,) metres, `kind` (n,); `objects` (m, 3)
-    int16, tenths of a millimetre.
+    int16, tenths of a millimetre, without points too far to be stored.
     """
     found = labelled_hands(root, files)
     floats = {name: getattr(found.hands, name) for name in ("rotation", "origin", "depth")}
     arrays: Arrays = {name: each.astype(np.float32) for name, each in floats.items()}
-    objects = np.round(found.objects * UNITS).astype(np.int16)
+    near = found.objects[storable(found.objects)]
+    objects = np.round(near * UNITS).astype(np.int16)
     return arrays | {"kind": found.kind, "objects": objects}
 
 

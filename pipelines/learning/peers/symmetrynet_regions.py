@@ -21,7 +21,7 @@ from pipelines.dataset.training.region_frames import read_region_frame
 from pipelines.geometry.pointcloud import drawn_indices
 from pipelines.geometry.symmetry import NUM_SLOTS, SymmetrySlots
 from pipelines.grasping.scene import RegionCloud, SceneCloud
-from pipelines.learning.peers.peer import KEPT, Arrays, read_peer_frame
+from pipelines.learning.peers.peer import KEPT, Arrays, read_peer_frame, storable
 from pipelines.network.peers.symmetrynet_input import CROP_SIDE, RegionCrop, region_crop
 from pipelines.tabletop.mask_noise import MaskNoise
 
@@ -103,6 +103,7 @@ def symmetrynet_frame(
     regions = []
     for instance in seen.regions:
         cloud = RegionCloud.from_mask(noise.applied(instance.mask, rng), scene)
+        cloud = cloud[np.flatnonzero(storable(cloud.points))]
         if len(cloud) < config.min_pixels:
             continue
         cloud = cloud[np.sort(rng.permutation(len(cloud))[:STORED_POINTS])]

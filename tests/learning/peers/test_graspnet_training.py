@@ -6,6 +6,7 @@ import torch
 from numpy.testing import assert_allclose
 
 from pipelines.configs import TrainBaselineConfig
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_labels import (
     read_collision_labels,
     write_collision_labels,
@@ -55,6 +56,29 @@ def test_holding_grasps_are_kept_with_their_friction_and_width(root):
     assert set(held.friction.tolist()) == {round(100 * FRICTION[0])}
     assert set(held.width.tolist()) == {70}
     assert not len(holding_cells(root.grasp_label_path(2)).point)  # no grasp holds the ball
+
+
+def test_points_too_far_to_be_stored_do_not_come_near(root, frame, monkeypatch):
+    read = GraspNetRoot.read_depth
+
+    def with_far_corner(self, files):
+        depth, intrinsics = read(self, files)
+        depth = depth.copy()
+        depth[0, 0] = 5.0
+        return depth, intrinsics
+
+    boxed = graspnet_labels.boxed_points
+
+    def with_corner(scene):
+        mask = boxed(scene).copy()
+        mask[0, 0] = True
+        return mask
+
+    monkeypatch.setattr(GraspNetRoot, "read_depth", with_far_corner)
+    monkeypatch.setattr(graspnet_labels, "boxed_points", with_corner)
+    again = graspnet_frame_arrays(root, root.frame(frame_names()[0]))
+    assert again["cloud"][:, 2].min() > 0
+    assert len(again["cloud"]) == len(again["on_object"])
 
 
 def test_no_more_labelled_points_are_left_out_than_the_limit_asks(root, frame, monkeypatch):

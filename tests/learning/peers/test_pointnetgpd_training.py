@@ -1,5 +1,7 @@
 """PointNetGPD's labelled hands of a frame, and a training that overfits them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -7,6 +9,7 @@ import torch
 from pipelines.configs import TrainBaselineConfig
 from pipelines.dataset.training.region_frames import FrameSets
 from pipelines.errors import ValueRangeError
+from pipelines.learning.peers import pointnetgpd_training
 from pipelines.learning.peers.peer import write_peer_frames
 from pipelines.learning.peers.pointnetgpd_labels import BAD, FAIR, GOOD, labelled_hands
 from pipelines.learning.peers.pointnetgpd_training import (
@@ -51,6 +54,15 @@ def test_colliding_hands_are_no_examples(tmp_path):
     root = write_root(tmp_path)
     write_labels(root, hindered={0})
     assert GOOD not in labelled_hands(root, root.frame(frame_names()[0])).kind
+
+
+def test_points_too_far_to_be_stored_do_not_come_near(root, frame, monkeypatch):
+    found = labelled_hands(root, root.frame(frame_names()[0]))
+    far = np.array([[0.5, 0.2, 5.0], [4.0, 0.0, 1.0]])
+    both = replace(found, objects=np.concatenate([found.objects, far]))
+    monkeypatch.setattr(pointnetgpd_training, "labelled_hands", lambda *_: both)
+    again = pointnetgpd_frame(root, root.frame(frame_names()[0]))
+    np.testing.assert_array_equal(again["objects"], frame["objects"])
 
 
 def test_half_of_the_drawn_hands_are_good_and_each_closes_on_enough_points(frame):

@@ -9,7 +9,7 @@ from pipelines.configs import TrainBaselineConfig
 from pipelines.configs.peers import PeerNetworkConfig
 from pipelines.dataset.training.region_frames import FrameSets
 from pipelines.errors import MissingInputError, ValueRangeError
-from pipelines.learning.peers import symmetrynet_training
+from pipelines.learning.peers import peer, symmetrynet_training
 from pipelines.learning.peers.peer import refuse_lacking, write_peer_frames
 from pipelines.learning.peers.symmetrynet_regions import (
     covered,
@@ -63,6 +63,11 @@ def test_regions_have_their_objects_symmetries_in_the_cameras_frame(regions):
     assert_allclose(regions[CAN].direction[3], pose[1][:3, 2], atol=1e-5)
     from_center = np.linalg.norm(regions[BALL].points - pose[2][:3, 3], axis=1)
     assert np.median(from_center) == pytest.approx(0.03, abs=0.002)
+
+
+def test_regions_too_far_to_be_stored_are_left_out(root, monkeypatch):
+    monkeypatch.setattr(peer, "STORABLE", 0.3)
+    assert not len(symmetrynet_frame(root, root.frame(frame_names()[0]))["existence"])
 
 
 def test_a_prepared_region_takes_few_bytes(arrays):

@@ -316,7 +316,7 @@ def test_a_file_without_objects_ends_the_training_in_a_sentence(objects, tmp_pat
         (FormatError, rendered(Path(__file__))),
     ):
         with pytest.raises(error, match="labelled_objects"):
-            train.first_regions(renderers_of([found], Worker(alive=False)), 10, CPU)
+            train.first_regions(renderers_of([found], Worker(alive=False)), 100, CPU)
     monkeypatch.setattr(labelled_objects, "read", lambda path: objects[1])
     assert isinstance(rendered(path, limit=0), ValueRangeError)
 
@@ -339,6 +339,21 @@ def test_a_training_ends_if_all_processes_that_render_have_ended():
         ring.take_in(renderers, 2)
     assert len(ring) == 1
     ring.take_in(renderers_of([], Worker(alive=False), Worker(alive=True)), 2)
+
+
+def test_a_ring_has_room_for_two_scenes(monkeypatch):
+    with pytest.raises(ValueRangeError, match="on the device is 10; it must be at least 40"):
+        train.first_regions(renderers_of([], Worker(alive=True)), 10, CPU)
+
+
+def test_successive_trainings_have_as_many_limits_of_steps_as_of_time(monkeypatch, capsys):
+    words = ["train_together", "--objects", "o.xz", "--out", "o", "--row", "a"]
+    words += ["--minutes", "1", "2", "--max-steps", "5"]
+    monkeypatch.setattr("sys.argv", words)
+    with pytest.raises(SystemExit) as ended:
+        train_together.main()
+    assert ended.value.code == 2
+    assert "--max-steps needs one value for each of --minutes" in capsys.readouterr().err
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from pipelines.configs import TrainConfig
+from pipelines.configs import EndlessConfig, TrainConfig
 from pipelines.configs.presets import PRESETS, preset_settings
 from pipelines.configs.settings import changed, changed_by_text
 from pipelines.errors import ValueRangeError, errors_as_sentences
@@ -145,7 +145,16 @@ def drawn_sample(ring: RegionRing, size: int, config: TrainConfig) -> Sample:
 def first_regions(
     renderers: Renderers, capacity: int, device: torch.device, count: int = FIRST_REGIONS
 ) -> RegionRing:
-    """Return a ring with `count` regions, at most half of its capacity, for the first steps."""
+    """Return a ring with `count` regions, at most half of its capacity, for the first steps.
+
+    Raises:
+        ValueRangeError: there is no room for the regions of two scenes.
+        SymgraspError: no regions can be rendered.
+    """
+    least = 2 * EndlessConfig().regions_per_scene
+    if capacity < least:
+        expected = f"at least {least}, the regions of two scenes"
+        raise ValueRangeError("number of regions on the device", capacity, expected)
     ring = RegionRing(capacity, device)
     while len(ring) < min(count, capacity // 2):
         ring.take_in(renderers, 64)

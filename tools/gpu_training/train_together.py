@@ -262,7 +262,10 @@ def main() -> None:
     )
     parser.add_argument("--capacity", type=int, default=150_000, help="regions on the device")
     parser.add_argument("--device", default="cuda")
-    train_rows(parser.parse_args())
+    options = parser.parse_args()
+    if options.max_steps and len(options.max_steps) != len(options.minutes):
+        parser.error("--max-steps needs one value for each of --minutes")
+    train_rows(options)
 
 
 if __name__ == "__main__":

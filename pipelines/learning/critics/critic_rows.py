@@ -13,12 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.array_types import Indices, Mask, Singles
+from pipelines.contents import reading
+from pipelines.errors import FormatError
 from pipelines.grasping.ranking.point_critic import FeatureNames
 from pipelines.storage.h5_columns import check_version, read_columns, write_columns
 from pipelines.storage.h5_files import new_h5, open_h5
 from pipelines.storage.provenance import Stamp
 
 FORMAT_VERSION = 1
+FEATURE_COLUMNS = ("points", "shared", "candidates")
+COLLECT_AGAIN = "pass --overwrite to collect the candidates again"
 
 
 @dataclass(frozen=True)
@@ -101,11 +105,29 @@ def write(path: Path, rows: CriticRows, stamp: Stamp) -> None:
 
 
 def read_known(paths: Sequence[Path]) -> CriticRows:
-    """Read the candidates with known truth from all files."""
+    """Read the candidates with known truth from all files.
+
+    Raises:
+        FormatError: a file is damaged, or its features or truths cannot be learned from.
+    """
     parts = []
     for path in paths:
         with open_h5(path) as file:
             check_version(path, file.attrs.get("format_version"), FORMAT_VERSION)
             rows = CriticRows(**read_columns(path, file, COLUMNS))
-        parts.append(rows[np.isfinite(rows.truth)])
+        with reading(path, "a column", COLLECT_AGAIN):
+            parts.append(_known(path, rows))
     return CriticRows.joined(parts)
+
+
+def _known(path: Path, rows: CriticRows) -> CriticRows:
+    """Return the rows with known truth; raise FormatError for nan features or truths beyond 1."""
+    if len({len(getattr(rows, name)) for name in COLUMNS}) > 1:
+        raise FormatError(path, "its columns differ in length", COLLECT_AGAIN)
+    known = rows[~np.isnan(rows.truth)]
+    if not ((known.truth >= 0.0) & (known.truth <= 1.0)).all():
+        raise FormatError(path, "/truth is outside of 0 to 1", COLLECT_AGAIN)
+    for name in FEATURE_COLUMNS:
+        if not np.isfinite(getattr(known, name)).all():
+            raise FormatError(path, f"/{name} is not finite", COLLECT_AGAIN)
+    return known

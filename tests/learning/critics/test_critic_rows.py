@@ -1,7 +1,10 @@
 """Rows of candidates: groups of different scenes stay separate, unknown truth is left out."""
 
+import h5py
 import numpy as np
+import pytest
 
+from pipelines.errors import FormatError
 from pipelines.learning.critics import critic_rows
 from pipelines.learning.critics.critic_rows import COLUMNS, CriticRows
 from pipelines.learning.critics.kinds import CRITIC_KINDS
@@ -38,3 +41,24 @@ def test_the_same_rows_give_the_same_bytes(tmp_path):
     for name in ("a.h5", "b.h5"):
         critic_rows.write(tmp_path / name, made_rows(CRITIC_KINDS["planes"], 2, 4), STAMP)
     assert (tmp_path / "a.h5").read_bytes() == (tmp_path / "b.h5").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("name", "damage", "fault"),
+    [
+        ("truth", lambda rows: rows[:-1], "its columns differ in length"),
+        ("truth", lambda rows: rows + 9, "/truth is outside of 0 to 1"),
+        ("points", lambda rows: rows * np.nan, "/points is not finite"),
+        ("candidates", lambda rows: rows * np.inf, "/candidates is not finite"),
+        ("shared", lambda rows: np.full(len(rows), "a", h5py.string_dtype()), "a column is not"),
+    ],
+)
+def test_damaged_rows_are_named(tmp_path, name, damage, fault):
+    path = tmp_path / "rows.h5"
+    critic_rows.write(path, made_rows(CRITIC_KINDS["planes"], 2, 4), STAMP)
+    with h5py.File(path, "r+") as file:
+        rows = file[name][()]
+        del file[name]
+        file[name] = damage(rows)
+    with pytest.raises(FormatError, match=rf"rows.h5: {fault}.*pass --overwrite"):
+        critic_rows.read_known([path])

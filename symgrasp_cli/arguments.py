@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
+
 from symgrasp_cli.options import (
     AxisCriticWeights,
     Backend,
@@ -134,6 +136,8 @@ def run_on_cpu(
 
     from pipelines.learning.loop.runs import RunRequest
 
+    if max_seconds is not None and max_minutes is not None:
+        raise typer.BadParameter("--time-limit is the old name of --max-seconds; give one of them")
     level = logging.WARNING if report_style().quiet else logging.INFO
     logging.getLogger("pipelines.learning").setLevel(level)
     bar = sys.stderr.isatty() and not report_style().quiet

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipelines.configs import InferConfig, LimitsConfig
+from pipelines.configs.inference import TRAINED_METHODS
 from pipelines.configs.settings import changed
 from pipelines.configs.stages import InferSettings, as_config
 from pipelines.errors import printable
@@ -70,6 +71,13 @@ def _choice(
     return ChosenFrames(split, camera, frame_stride)
 
 
+def _settings_of_workspace(workspace: str) -> tuple[str, ...]:
+    """Return the setting that `--workspace` changes: none if it names a mask."""
+    from pipelines.frames.workspace_files import parse_workspace
+
+    return ("limits.box",) if parse_workspace(workspace)[0] else ()
+
+
 InferChoice = Annotated["ChosenFrames", FromOptions(_choice)]
 InferWeights = Annotated[dict[str, Path | None], FromOptions(_weights)]
 InferBatch = Annotated["BatchOptions", FromOptions(_batch)]
@@ -87,6 +95,7 @@ InferBatch = Annotated["BatchOptions", FromOptions(_batch)]
         **named_as("limits.approach_cone", "limits.approach_direction", "limits.approach_frame"),
         "--watch-timeout": "watch.timeout",
     },
+    composite={"--workspace": _settings_of_workspace},
 )
 def infer(
     config: InferSettings,
@@ -132,6 +141,9 @@ def infer(
 
     if math.isfinite(config.watch.timeout) and not watch:
         raise typer.BadParameter("--watch-timeout goes with --watch")
+    if weights["peer"] is not None and config.method not in TRAINED_METHODS:
+        known = ", ".join(TRAINED_METHODS)
+        raise typer.BadParameter(f"--weights goes with a compared --method: {known}")
     if out.suffix not in HDF5_SUFFIXES:
         raise typer.BadParameter(f"--out is {out}; it must be a file name that ends in .h5")
     config, allowed = _with_workspace(config, workspace)

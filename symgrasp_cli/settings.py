@@ -28,6 +28,7 @@ from symgrasp_cli.report import ReportStyle, failure_as_json, reporting_in
 
 Command = Callable[..., None]
 Config = TypeVar("Config")
+SettingsOf = Sequence[str] | Callable[[str], Sequence[str]]
 PANEL, SWITCHES = "Settings", "Settings, on or off"  # the two names of a switch are wide
 VARIABLES = {  # stage -> setting -> environment variable that changes it
     "infer": {"gripper": "SYMGRASP_GRIPPER"},
@@ -137,7 +138,7 @@ def with_settings(
     options: Mapping[str, str],
     *,
     hidden: Mapping[str, str] | None = None,
-    composite: Mapping[str, Sequence[str]] | None = None,
+    composite: Mapping[str, SettingsOf] | None = None,
 ) -> Callable[[Command], Command]:
     """Give a command the settings of `stage`, as its argument `config`.
 
@@ -148,7 +149,8 @@ def with_settings(
         stage: name in `pipelines.configs.stages`.
         options: names of options -> dotted name of the setting that each changes.
         hidden: the same for old names, which help does not list.
-        composite: options by which the command itself changes settings, each with their names.
+        composite: options by which the command itself changes settings, each with their names, or
+            with a function from the option's value to the names.
     """
     known = {each.name: each for each in settings_of(default_settings(stage))}
     variables = VARIABLES.get(stage, {})
@@ -162,13 +164,8 @@ def with_settings(
             preset = values.pop("preset", None)
             style = ReportStyle(values.pop("as_json"), values.pop("quiet"))
             given = _options_given(context, made, values)
-            by_command = {
-                name: option
-                for option, names in (composite or {}).items()
-                if values[option.strip("-").replace("-", "_")] is not None
-                for name in names
-            }
             with reporting_in(style), failure_as_json(stage):
+                by_command = _by_command(composite or {}, values)
                 chosen = settings_chosen(stage, file, given, assignments or (), preset, by_command)
                 command(config=chosen, **arguments_of(own, values))
 
@@ -225,19 +222,38 @@ def settings_chosen(
         config = changed(config, read_toml(file), f"{file}: ")
     for each in sorted(given, key=lambda each: not each.by_variable):
         config = each.applied_to(config)
-    given_by = dict(by_command or {}) | {
-        each.option.setting.name: each.option.name for each in given if not each.by_variable
-    }
+    given_by = dict(by_command or {})
+    for each in given:
+        if not each.by_variable:
+            _note_once(given_by, each.option.setting.name, each.option.name)
     for text in assignments:
         name, equals, value = (part.strip() for part in text.partition("="))
         if not equals:
             raise SettingError("--set", repr(text), "NAME=VALUE; `symgrasp config` lists the names")
         current = current_name(config, name)
-        if current in given_by:
-            raise SettingError(f"--set {name}", f"given with {given_by[current]}", "given once")
-        given_by[current] = f"--set {name}"
+        _note_once(given_by, current, f"--set {name}")
         config = changed_by_text(config, name, value, "--set: ")
     return config
+
+
+def _note_once(given_by: dict[str, str], name: str, option: str) -> None:
+    """Note that `option` gives the setting `name`, which no other option may give.
+
+    Raises:
+        SettingError: another option gives it.
+    """
+    if name in given_by:
+        raise SettingError(option, f"given with {given_by[name]}", "given once")
+    given_by[name] = option
+
+
+def _by_command(composite: Mapping[str, SettingsOf], values: Mapping[str, Any]) -> dict[str, str]:
+    """Return the settings that the `composite` options give, each with its option."""
+    found: dict[str, str] = {}
+    for option, names in composite.items():
+        if (value := values[option.strip("-").replace("-", "_")]) is not None:
+            found |= dict.fromkeys(names(value) if callable(names) else names, option)
+    return found
 
 
 def _options_given(

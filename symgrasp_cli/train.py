@@ -61,11 +61,24 @@ def train(
     """Train the symmetry-aware grasp network on packed regions."""
     from pipelines import train as stage
 
-    share = 0.0 if not endless else 1.0 if packed is None else config.endless.share or 0.5
-    config = replace(config, endless=replace(config.endless, share=share))
     if packed is None and not endless:
         raise typer.BadParameter("give PACKED, --endless ROOT, or both")
+    share = _rendered_share(config.endless.share, packed, endless)
+    config = replace(config, endless=replace(config.endless, share=share))
     report = stage.run(
         packed, val, out, config, request, endless=endless or (), init=init, workers=workers
     )
     conclude(report, out, then=("infer", "FRAMES", "--network", out))
+
+
+def _rendered_share(share: float, packed: Path | None, endless: list[Path] | None) -> float:
+    """Return the share of rendered regions; `share` is the setting, 0 for the usual one."""
+    if share > 0.0 and not endless:
+        raise typer.BadParameter(f"--endless-share {share:g} goes with --endless ROOT")
+    if packed is None and 0.0 < share < 1.0:
+        raise typer.BadParameter(
+            f"--endless-share {share:g} goes with PACKED; without it, all regions are rendered"
+        )
+    if not endless:
+        return 0.0
+    return 1.0 if packed is None else share or 0.5

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import joblib
 import pytest
+import typer
 from typer.main import get_command
 from typer.testing import CliRunner
 
@@ -69,6 +70,29 @@ def test_a_time_limit_is_in_seconds_and_its_old_name_in_minutes():
     assert run_on_cpu(max_seconds=90.0).max_seconds == 90.0
     assert run_on_cpu(max_minutes=1.5).max_seconds == 90.0
     assert run_on_cpu().max_seconds is None
+
+
+def test_two_time_limits_are_wrong_usage():
+    with pytest.raises(typer.BadParameter, match="give one of them"):
+        run_on_cpu(max_seconds=90.0, max_minutes=1.5)
+
+
+@pytest.mark.parametrize(
+    ("command", "sentence"),
+    [
+        ("infer . --weights x.safetensors", "--weights goes with a compared --method"),
+        ("train . --out n.safetensors --endless-share 0.7", "0.7 goes with --endless ROOT"),
+        ("train . --out n.safetensors --set endless.share=0.7", "0.7 goes with --endless ROOT"),
+        ("train --endless . --out n.safetensors --endless-share 0.3", "0.3 goes with PACKED"),
+    ],
+)
+def test_an_option_without_effect_is_wrong_usage(command, sentence, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "x.safetensors").touch()
+    result = CliRunner().invoke(app, command.split())
+    assert result.exit_code == 2
+    assert sentence in " ".join(result.stderr.replace("│", " ").split())
+    assert [path.name for path in tmp_path.iterdir()] == ["x.safetensors"]
 
 
 def test_a_seed_that_no_generator_takes_is_wrong_usage(tmp_path):

@@ -67,6 +67,7 @@ def test_a_misspelt_setting_is_wrong_usage_and_the_nearest_name_is_suggested(sco
         (["--clip-width", "0.1", "--set", "clip_width=0.1"], "given with --clip-width"),
         (["--clip-width", "0.1", "--set", "max_width=0.1"], "given with --clip-width"),
         (["--set", "clip_width=0.1", "--set", "max_width=0.1"], "given with --set clip_width"),
+        (["--clip-width", "0.1", "--max-width", "0.08"], "--max-width is given with --clip-width"),
         (["--config", "bad.toml"], "bad.toml: setting 'clipwidth' is not known"),
         (["--config", "none.toml"], "none.toml"),
     ],
@@ -168,6 +169,23 @@ def test_a_setting_of_an_option_for_two_settings_is_not_given_by_set_too(tmp_pat
     assert result.exit_code == 2
     shown = option.partition("=")[0]
     assert f"--set {name} is given with {shown}; it must be given once" in result.stderr
+
+
+BOX = "-1,-1,0,1,1,2"
+
+
+def test_a_box_of_the_workspace_is_not_given_by_set_too(tmp_path):
+    given = ["infer", tmp_path, "--workspace", BOX, "--set", "limits.box=5,5,5,6,6,6"]
+    result = run(*given)
+    assert result.exit_code == 2
+    assert "--set limits.box is given with --workspace; it must be given once" in result.stderr
+
+
+def test_a_box_of_the_settings_goes_with_a_mask_of_the_workspace(tmp_path):
+    mask = tmp_path / "mask.png"
+    mask.write_bytes(b"")
+    result = run("infer", tmp_path, "--workspace", mask, "--set", f"limits.box={BOX}")
+    assert "holds no RGB-D frames" in result.stderr  # the next fault: the settings are accepted
 
 
 def test_a_variable_with_an_impossible_value_is_named(tmp_path):

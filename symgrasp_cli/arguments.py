@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.models import ParameterInfo
 
 from symgrasp_cli.options import (
     AxisCriticWeights,
@@ -70,12 +71,28 @@ def options_of(parameters: Iterable[inspect.Parameter]) -> dict[str, inspect.Par
 def arguments_of(
     parameters: Iterable[inspect.Parameter], values: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the arguments of a command with these parameters, from the `values` of its options."""
-    pairs = ((each.name, FromOptions.of(each)) for each in parameters)
-    return {
-        name: made.make(**arguments_of(made.parameters, values)) if made else values[name]
-        for name, made in pairs
-    }
+    """Return the arguments of a command with these parameters, from the `values` of its options.
+
+    A link in place of an output is replaced by the file that it leads to.
+    """
+    return {each.name: _argument(each, values) for each in parameters}
+
+
+def _argument(parameter: inspect.Parameter, values: Mapping[str, Any]) -> Any:  # noqa: ANN401
+    if made := FromOptions.of(parameter):
+        return made.make(**arguments_of(made.parameters, values))
+    value = values[parameter.name]
+    if isinstance(value, Path) and is_output(parameter):
+        from pipelines.storage.files import file_behind
+
+        return file_behind(value)
+    return value
+
+
+def is_output(parameter: inspect.Parameter) -> bool:
+    """Return whether a path is written: inputs must exist."""
+    metadata = getattr(parameter.annotation, "__metadata__", ())
+    return not any(isinstance(each, ParameterInfo) and each.exists for each in metadata)
 
 
 def preparation(

@@ -190,6 +190,14 @@ def real_path(path: Path) -> Path:
     return Path(os.path.realpath(path))
 
 
+def file_behind(path: Path) -> Path:
+    """Return the path to write where a user names `path`: of a link to a file, the file's.
+
+    Links to folders stay, and so do other paths. A file that `atomic_path` writes replaces a link.
+    """
+    return real_path(path) if path.is_symlink() and not path.is_dir() else path
+
+
 def within(folder: Path, path: Path) -> Path:
     """Return `path`, somewhere below the output folder `folder`.
 

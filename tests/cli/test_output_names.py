@@ -1,8 +1,13 @@
-"""Refusal, before any work, of output names whose stamp could not be found again."""
+"""Names of outputs: refused where a stamp could not be found again; links are followed."""
 
+import json
+
+import numpy as np
 import pytest
+import trimesh
 from typer.testing import CliRunner
 
+from pipelines.storage.provenance import read_stamp
 from symgrasp_cli.app import app
 
 
@@ -33,3 +38,23 @@ def test_grasps_are_not_written_under_the_name_of_a_picture(tmp_path):
     assert result.exit_code == 2
     words = " ".join(result.output.replace("│", "").split())  # typer wraps lines in a box
     assert "must be a file name that ends in .h5" in words
+
+
+@pytest.mark.parametrize("exists", [True, False])
+def test_an_output_that_is_a_link_is_written_where_the_link_leads(exists, tmp_path):
+    trimesh.creation.box((0.04, 0.04, 0.04)).export(tmp_path / "box.ply")
+    row = [0.5, 0.06, 0.02, 0.02, *np.eye(3).ravel(), 0, 0, 0, -1]
+    np.save(tmp_path / "grasps.npy", np.array([row]))
+    command = ["score-grasps", str(tmp_path / "box.ply"), str(tmp_path / "grasps.npy"), "--out"]
+    link, behind = tmp_path / "here" / "link.npz", tmp_path / "disk" / "scores.npz"
+    link.parent.mkdir()
+    link.symlink_to("../disk/scores.npz")
+    if exists:
+        assert CliRunner().invoke(app, [*command, str(behind)]).exit_code == 0
+    result = CliRunner().invoke(app, [*command, str(link), "--overwrite", "--json"])
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["outputs"] == [str(behind)]
+    assert link.is_symlink()
+    assert read_stamp(behind)["stage"] == "score-grasps"
+    assert [path.name for path in link.parent.iterdir()] == ["link.npz"]
+    assert "1 skipped" in CliRunner().invoke(app, [*command, str(link)]).stderr

@@ -12,7 +12,7 @@ import pytest
 
 from pipelines.errors import FormatError, SymgraspError, WriteError
 from pipelines.storage import array_files, files, images
-from pipelines.storage.files import atomic_folder, read_json, within
+from pipelines.storage.files import atomic_folder, file_behind, read_json, real_path, within
 from tests.storage.full_disk import little_space
 
 NOISE = np.random.default_rng(0).integers(0, 255, (60, 60, 3), np.uint8)
@@ -182,6 +182,15 @@ def test_a_folder_given_as_a_link_is_replaced_at_its_target(tmp_path):
     assert (tmp_path / "disk/out/new").is_file()
     assert (tmp_path / "out").is_symlink()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["disk", "out"]
+
+
+def test_a_link_to_a_file_stands_for_the_file_and_a_link_to_a_folder_for_itself(tmp_path):
+    (tmp_path / "disk").mkdir()
+    for name, target in {"file": "disk/x", "folder": "disk", "circle": "circle"}.items():
+        (tmp_path / name).symlink_to(target)
+    assert file_behind(tmp_path / "file") == real_path(tmp_path / "disk/x")
+    for name in ("folder", "circle", "disk", "nothing"):
+        assert file_behind(tmp_path / name) == tmp_path / name
 
 
 def test_a_pipe_is_refused_as_file(tmp_path):

@@ -32,8 +32,9 @@ class WorkspaceBox:
     @property
     def options(self) -> str:
         """The options of `infer` that set the box."""
-        numbers = ",".join(f"{value:.2f}" for value in self.corners.ravel())
-        return f"--workspace={numbers} --workspace-frame {self.frame}"
+        corners = np.round(self.corners, 6).ravel() + 0.0  # no negative zeros
+        texts = [np.format_float_positional(value, min_digits=2) for value in corners]
+        return f"--workspace={','.join(texts)} --workspace-frame {self.frame}"
 
     def contains(self, points: Array) -> Mask:
         """Return a mask of `points` (..., 3), camera frame, inside the box; False for nan."""

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import invert, transform_points
-from pipelines.grasping.feasibility.workspace_box import suggested_box
+from pipelines.grasping.feasibility.workspace_box import WorkspaceBox, suggested_box
 from pipelines.tabletop.levelling import table_from_camera
 
 # 101 points each along a line: the first and the last percent are strays.
@@ -26,3 +26,10 @@ def test_the_box_is_a_margin_wider_than_the_bulk_of_all_regions_but_not_below_th
     assert_allclose(box.corners, [low, [0.35, 0.25, 0.37]], atol=1e-9)
     assert box.frame == ("table" if has_table else "camera")
     assert box.contains(np.concatenate(clouds)).all()
+
+
+def test_the_options_of_a_box_have_its_millimetres():
+    corners = np.array([[-0.0, 0.004, -0.1], [0.1 + 0.2, 0.0085, 1.0]])
+    box = WorkspaceBox(corners, "table", np.eye(4))
+    numbers = "0.00,0.004,-0.10,0.30,0.0085,1.00"
+    assert box.options == f"--workspace={numbers} --workspace-frame table"

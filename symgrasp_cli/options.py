@@ -98,6 +98,7 @@ MeshUnit = Annotated[
     typer.Option(
         "--mesh-scale",
         min=1e-6,
+        max=1e3,
         metavar="X",
         help="Metres per unit of the mesh files; 0.001 for millimetres.",
     ),

@@ -141,7 +141,7 @@ class WorkspaceConfig:
         fewest=0,
     )
     box_frame: ReferenceFrame = choice("table", "Frame of a given box: camera or table.", ROBOT)
-    margin: float = setting(0.05, "m", "Space around the regions.", BY_EYE)
+    margin: float = setting(0.05, "m", "Space around the regions.", BY_EYE, high=10.0)
     max_frames: int = count(20, "Most frames to draw, from the first.", BY_EYE)
 
 
@@ -203,9 +203,11 @@ class GripperConfig:
         "Link whose origin is the mounting face; empty for the link the fingers slide on.",
         BY_EYE,
     )
-    tip_reach: float = setting(0.005, "m", "Distance of the tips past the contacts.", BY_EYE)
+    tip_reach: float = setting(
+        0.005, "m", "Distance of the tips past the contacts.", BY_EYE, high=1.0
+    )
     clearance: float = setting(
-        0.006, "m", "Finger clearance: from a contact to its open finger.", "D. 54"
+        0.006, "m", "Finger clearance: from a contact to its open finger.", "D. 54", high=1.0
     )
 
 
@@ -222,7 +224,11 @@ class ServeConfig:
     max_bytes: int = setting(64_000_000, "bytes", "Largest post.", BY_EYE, low=1000)
     max_pixels: int = setting(12_000_000, "px", "Largest image of a post.", BY_EYE, low=1)
     grace: int = setting(
-        8, "s", "Time for begun frames to finish when the server shuts down.", BY_EYE
+        8,
+        "s",
+        "Time for begun frames to finish when the server shuts down.",
+        BY_EYE,
+        high=86_400,
     )
     min_score: float = fraction(0.0, "Score below which grasps are left out.", ROBOT)
     tcp: str = choice("", TCP, ROBOT)

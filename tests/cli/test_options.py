@@ -95,6 +95,26 @@ def test_an_option_without_effect_is_wrong_usage(command, sentence, tmp_path, mo
     assert [path.name for path in tmp_path.iterdir()] == ["x.safetensors"]
 
 
+@pytest.mark.parametrize("number", ["inf", "nan", "1e300", "-1"])
+@pytest.mark.parametrize(
+    ("command", "sentence"),
+    [
+        ("workspace . --margin={}", "--margin is {}; it must be a number in m from 0 to 10"),
+        ("gripper from-urdf g.urdf --out g.toml --tip-reach={}", "--tip-reach is {}"),
+        ("gripper from-urdf g.urdf --out g.toml --clearance={}", "--clearance is {}"),
+        ("serve --set http.grace={}", "http.grace is "),
+        ("annotate-symmetry . --out new --mesh-scale={}", "Invalid value for '--mesh-scale'"),
+    ],
+)
+def test_a_number_without_bounds_is_wrong_usage(command, sentence, number, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(app, command.format(number).split())
+    assert result.exit_code == 2
+    shown = sentence.format(float(number))
+    assert shown in " ".join(result.stderr.replace("│", " ").split())
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_seed_that_no_generator_takes_is_wrong_usage(tmp_path):
     command = ["infer", str(tmp_path), "--out", str(tmp_path / "g.h5"), "--seed", str(2**64)]
     assert CliRunner().invoke(app, command).exit_code == 2

@@ -25,7 +25,7 @@ EVERYWHERE = (-9, -9, -9, 9, 9, 9)
     "serve",
     {
         **named_as("gripper", "http.min_score", "http.tcp"),
-        **named_as("http.host", "http.port", "http.parallel", "http.max_waiting"),
+        **named_as("http.host", "http.port", "http.parallel", "http.max_waiting", "http.max_wait"),
     },
 )
 def serve(

@@ -221,6 +221,13 @@ class ServeConfig:
     max_waiting: int = count(
         32, "Posts being read, waiting or processed; further posts are refused.", BY_EYE
     )
+    max_wait: float = setting(
+        30.0,
+        "s",
+        "Expected time until the answer beyond which a post that would wait is refused.",
+        BY_EYE,
+        high=86_400,
+    )
     max_bytes: int = setting(64_000_000, "bytes", "Largest post.", BY_EYE, low=1000)
     max_pixels: int = setting(12_000_000, "px", "Largest image of a post.", BY_EYE, low=1)
     grace: int = setting(

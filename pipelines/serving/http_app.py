@@ -1,8 +1,10 @@
 """The HTTP application: `POST /grasps` returns the grasps of a frame, `GET /health` counts."""
 
 import logging
+import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any
 
 import anyio
@@ -20,7 +22,33 @@ JSON_TYPE = "application/json"
 DISCARDED = 4  # bodies of this many times the largest size are received, then refused
 GONE = "the client has gone"
 LONGEST_SILENCE = 20.0  # seconds without a part of a body until its post is refused
+LONGEST_BODY = 60.0  # seconds for all of a body, which may come a byte at a time
+LATEST = 0.2  # weight of the latest frame in the mean time of a frame
 log = logging.getLogger(__name__)
+
+
+@dataclass
+class FrameTimes:
+    """Expected times of frames.
+
+    Attributes:
+        parallel: frames processed at a time.
+        mean: running mean of the seconds of a frame; 0 before the first.
+    """
+
+    parallel: int
+    mean: float = 0.0
+
+    def note(self, seconds: float) -> None:
+        """Add the time of a frame to the mean."""
+        self.mean += (LATEST if self.mean else 1.0) * (seconds - self.mean)
+
+    def until_answer(self, ahead: int) -> float:
+        """Return the expected seconds until the answer to a post behind `ahead` others.
+
+        0 if it is processed at once: a post that does not wait is never refused.
+        """
+        return 0.0 if ahead < self.parallel else self.mean * (ahead // self.parallel + 1)
 
 
 def make_app(answer: Answer, facts: dict[str, Any], config: ServeConfig) -> FastAPI:
@@ -36,7 +64,7 @@ def make_app(answer: Answer, facts: dict[str, Any], config: ServeConfig) -> Fast
     )
     # Numbers of frames so far; only the thread of the event loop changes them.
     counts = {"answered": 0, "refused": 0, "waiting": 0}
-    limiter = anyio.CapacityLimiter(config.parallel)
+    limiter, times = anyio.CapacityLimiter(config.parallel), FrameTimes(config.parallel)
 
     @app.get("/health")
     def health() -> dict[str, Any]:
@@ -44,13 +72,16 @@ def make_app(answer: Answer, facts: dict[str, Any], config: ServeConfig) -> Fast
 
     @app.post("/grasps")
     async def grasps(request: Request) -> Response:
-        if counts["waiting"] >= config.max_waiting:
+        waiting, expected = counts["waiting"], times.until_answer(counts["waiting"])
+        if waiting >= config.max_waiting or expected > config.max_wait:
             counts["refused"] += 1
-            sentence = f"{counts['waiting']} frames are waiting; post again in a moment"
-            return await _refused_unread(request, 503, sentence, DISCARDED * config.max_bytes)
+            later = math.ceil(max(1.0, times.mean, expected - config.max_wait))
+            sentence = f"{waiting} frames are waiting; post again in {later} s"
+            most, head = DISCARDED * config.max_bytes, {"Retry-After": str(later)}
+            return await _refused_unread(request, 503, sentence, most, head)
         counts["waiting"] += 1
         try:
-            response = await _answered(request, answer, limiter, config)
+            response = await _answered(request, answer, limiter, times, config)
         finally:
             counts["waiting"] -= 1
         counts["answered" if response.status_code == 200 else "refused"] += 1
@@ -66,7 +97,11 @@ def make_app(answer: Answer, facts: dict[str, Any], config: ServeConfig) -> Fast
 
 
 async def _answered(
-    request: Request, answer: Answer, limiter: anyio.CapacityLimiter, config: ServeConfig
+    request: Request,
+    answer: Answer,
+    limiter: anyio.CapacityLimiter,
+    times: FrameTimes,
+    config: ServeConfig,
 ) -> Response:
     """Return the grasps of the posted frame, or one sentence about its fault."""
     # Another type would let any web page that the user visits post here.
@@ -85,7 +120,9 @@ async def _answered(
         async with limiter:
             if await _has_gone(request):
                 return _refusal(400, GONE)
+            started = anyio.current_time()
             text = await anyio.to_thread.run_sync(work, limiter=anyio.CapacityLimiter(1))
+            times.note(anyio.current_time() - started)
     except SymgraspError as error:
         return _refusal(400, str(error))
     except Exception:
@@ -99,7 +136,8 @@ async def _received(request: Request, config: ServeConfig) -> bytes | Response:
     try:
         body = await _body(request, config.max_bytes, DISCARDED * config.max_bytes)
     except TimeoutError:
-        sentence = f"the rest of the body did not come within {LONGEST_SILENCE:g} s; post again"
+        limits = f"no part of it for {LONGEST_SILENCE:g} s, or not all within {LONGEST_BODY:g} s"
+        sentence = f"the rest of the body did not come ({limits}); post again"
         return _refusal(408, sentence, {"Connection": "close"})
     except ClientDisconnect:
         return _refusal(400, GONE)
@@ -115,7 +153,7 @@ async def _body(request: Request, most: int, received: int) -> bytes | None:
     read the answer, and an earlier answer would be a broken pipe to them.
 
     Raises:
-        TimeoutError: no part came for `LONGEST_SILENCE` seconds.
+        TimeoutError: no part came for `LONGEST_SILENCE` seconds, or not all in `LONGEST_BODY`.
         ClientDisconnect: the client has gone.
     """
     declared = request.headers.get("content-length", "0")
@@ -123,9 +161,10 @@ async def _body(request: Request, most: int, received: int) -> bytes | None:
         return None
     parts: list[bytes] = []
     size = 0
-    with anyio.fail_after(LONGEST_SILENCE) as limit:
+    end = anyio.current_time() + LONGEST_BODY
+    with anyio.fail_after(min(LONGEST_SILENCE, LONGEST_BODY)) as limit:
         async for part in request.stream():
-            limit.deadline = anyio.current_time() + LONGEST_SILENCE
+            limit.deadline = min(anyio.current_time() + LONGEST_SILENCE, end)
             size += len(part)
             if size > received:
                 return None
@@ -143,10 +182,16 @@ async def _has_gone(request: Request) -> bool:
     return await request.is_disconnected()
 
 
-async def _refused_unread(request: Request, status: int, sentence: str, received: int) -> Response:
+async def _refused_unread(
+    request: Request,
+    status: int,
+    sentence: str,
+    received: int,
+    headers: Mapping[str, str] | None = None,
+) -> Response:
     with suppress(ClientDisconnect, TimeoutError):
         await _body(request, 0, received)
-    return _refusal(status, sentence)
+    return _refusal(status, sentence, headers)
 
 
 def _refusal(status: int, sentence: str, headers: Mapping[str, str] | None = None) -> JSONResponse:

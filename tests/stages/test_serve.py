@@ -256,6 +256,19 @@ def test_a_slow_client_has_the_same_time_for_each_part_of_its_body():
     assert limits == sorted(set(limits))
 
 
+def test_a_client_that_sends_its_body_in_a_trickle_does_not_hold_a_place_for_ever(monkeypatch):
+    monkeypatch.setattr(http_app, "LONGEST_BODY", 0.1)
+
+    async def receive():
+        await anyio.sleep(0.01)
+        return {"type": "http.request", "body": b" ", "more_body": True}
+
+    server = serve.app_of(lambda *_args, **_options: RESULT, RG2, ServeConfig())
+    answered, health = posted_by_hand(server, receive, "application/json")
+    assert answered == 408
+    assert (health["waiting"], health["refused"]) == (0, 1)
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="systems differ in the options of sockets")
 def test_connections_of_clients_that_lost_their_network_end():
     (listener,) = serve.listening(ServeConfig(port=0))
@@ -360,6 +373,44 @@ def test_eight_clients_at_once_are_answered_and_clients_beyond_the_queue_are_ref
         assert [each.result().status_code for each in answers] == [200] * 8
         health = client.get("/health").json()
     assert (health["answered"], health["refused"], health["waiting"]) == (8, 1, 0)
+
+
+def test_a_post_whose_answer_is_expected_too_late_is_refused_until_it_would_be_in_time():
+    begun, go = threading.Semaphore(0), threading.Event()
+
+    def detect(*_args, **_options):
+        begun.release()
+        assert go.wait(20)
+        return RESULT
+
+    times = http_app.FrameTimes(parallel=2, mean=7.0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(http_app, "FrameTimes", lambda _parallel: times)
+        server = client_of(detect, parallel=2, max_wait=14.0)
+    with server as client, ThreadPoolExecutor(4) as pool:
+        answers = [pool.submit(client.post, "/grasps", json=post()) for _ in range(4)]
+        for _ in range(2):
+            assert begun.acquire(timeout=20)
+        while client.get("/health").json()["waiting"] < 4:
+            time.sleep(0.01)
+        refused = client.post("/grasps", json=post())  # of 7 s each, two pairs are ahead
+        assert (refused.status_code, refused.headers["Retry-After"]) == (503, "7")
+        assert refused.json() == {"error": "4 frames are waiting; post again in 7 s"}
+        go.set()
+        assert [each.result().status_code for each in answers] == [200] * 4
+        times.mean = 7.0  # posts that do not wait are never refused, or the mean would stay
+        assert client.post("/grasps", json=post()).status_code == 200
+    assert times.mean < 7.0
+
+
+def test_the_expected_time_until_an_answer_follows_the_latest_frames():
+    times = http_app.FrameTimes(parallel=2)
+    assert times.until_answer(100) == 0.0  # nothing is known before the first frame
+    times.note(1.0)
+    assert [times.until_answer(ahead) for ahead in range(5)] == [0.0, 0.0, 2.0, 2.0, 3.0]
+    for _ in range(50):
+        times.note(3.0)
+    assert times.until_answer(2) == pytest.approx(6.0, rel=0.01)
 
 
 @contextmanager

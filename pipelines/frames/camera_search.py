@@ -1,6 +1,7 @@
 """Search for camera files next to images: by their names, else by their content."""
 
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 
 from pipelines.errors import SymgraspError
@@ -47,7 +48,7 @@ def find_camera_file(folder: Path, name: str) -> Path | None:
 
 def own_camera_file(folder: Path, name: str) -> Path | None:
     """Return the camera file of frame `name` alone."""
-    own = [folder / f"{name}{mark}{end}" for end in OWN_CAMERA_ENDINGS for mark in "_-."]
+    own = (folder / f"{name}{mark}{end}" for end in OWN_CAMERA_ENDINGS for mark in "_-.")
     found = next((path for path in own if path.is_file()), None)
     if found is not None:
         return found
@@ -102,9 +103,10 @@ def where_a_camera_may_be(image: Path) -> str:
 def _small_files(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
     """List the small files with one of `suffixes`; none if there are so many, one per frame."""
     try:
-        files = sorted(path for path in folder.iterdir() if path.suffix.lower() in suffixes)
-        files = [path for path in files if path.is_file() and not path.name.startswith(".")]
-        small = [path for path in files if path.stat().st_size <= MOST_BYTES]
+        named = (path for path in folder.iterdir() if path.suffix.lower() in suffixes)
+        files = (path for path in named if path.is_file() and not path.name.startswith("."))
+        first = sorted(islice(files, MOST_FILES + 1))
+        small = [path for path in first if path.stat().st_size <= MOST_BYTES]
     except OSError:
         return []
-    return small if len(files) <= MOST_FILES else []
+    return small if len(first) <= MOST_FILES else []

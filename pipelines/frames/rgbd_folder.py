@@ -3,6 +3,8 @@
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from operator import attrgetter
 from pathlib import Path
 
 from pipelines.frames.camera_files import CameraFile, check_units, read_camera_file
@@ -11,6 +13,10 @@ from pipelines.frames.rgbd import DepthUnits, Frame, read_pair
 COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".exr")
 COLOR_WORDS = ("color", "colour", "rgb")
+WORD = "|".join((*COLOR_WORDS, "depth"))
+ALONE = re.compile(rf"({WORD})(?:_image)?|image_({WORD})", re.IGNORECASE)
+ENDING = re.compile(rf"(.+)[-_.]({WORD})", re.IGNORECASE)
+BEGINNING = re.compile(rf"({WORD})[-_.](.+)", re.IGNORECASE)
 COLOR_FOLDERS = ("rgb", "color", "image", "images", "gray")
 # Rests of the names of arrays that hold facts about the images, such as depth_scale.npy.
 FACTS = re.compile("(camera[-_.])?((?i:matrix|params|scale|units?|(in|ex)trinsics?)|K)")
@@ -86,7 +92,7 @@ def read_with_camera(
 
 def flat_pairs(folder: Path) -> list[ImagePair]:
     """Pair files by name: `x_color`, `x-rgb`, `color_x`, `color`, `image` with their depth."""
-    files = sorted(path for path in folder.iterdir() if path.is_file())
+    files = sorted((path for path in folder.iterdir() if path.is_file()), key=attrgetter("name"))
     colors = _by_stem(files, COLOR_SUFFIXES, COLOR_WORDS)
     depths = _by_stem(files, DEPTH_SUFFIXES, ("depth",))
     # x-rgb-img.jpg and x-depth-img.exr; each without the other may be anything.
@@ -167,19 +173,24 @@ def _without_word(stem: str, words: tuple[str, ...]) -> str | None:
 
     The last word decides: rgb_1_depth is the depth of rgb_1, and no colour image.
     """
-    if stem.lower() in (*words, *(f"{w}_image" for w in words), *(f"image_{w}" for w in words)):
-        return ""
-    every = "|".join((*COLOR_WORDS, "depth"))
-    if ending := re.fullmatch(rf"(.+)[-_.]({every})", stem, re.IGNORECASE):
-        return ending[1] if ending[2].lower() in words else None
-    beginning = re.fullmatch(rf"({every})[-_.](.+)", stem, re.IGNORECASE)
-    return beginning[2] if beginning and beginning[1].lower() in words else None
+    word, rest = _word_and_rest(stem)
+    return rest if word in words else None
+
+
+@lru_cache(maxsize=1 << 16)  # `infer --watch` lists the same folder again and again
+def _word_and_rest(stem: str) -> tuple[str, str]:
+    """Return the word that ends or begins `stem`, in lower case, and the rest; "" for no word."""
+    if alone := ALONE.fullmatch(stem):
+        return next(filter(None, alone.groups())).lower(), ""
+    if ending := ENDING.fullmatch(stem):
+        return ending[2].lower(), ending[1]
+    beginning = BEGINNING.fullmatch(stem)
+    return (beginning[1].lower(), beginning[2]) if beginning else ("", "")
 
 
 def _without_inner_word(stem: str, words: tuple[str, ...]) -> str | None:
     """Return `stem` without the word between others; None if the word is at an end or missing."""
-    every = (*COLOR_WORDS, "depth")
-    if any(_without_word(stem, (word,)) is not None for word in every):
+    if _word_and_rest(stem)[0]:
         return None
     found = re.fullmatch(rf"(.+[-_.])({'|'.join(words)})[-_.](.+)", stem, re.IGNORECASE)
     return None if found is None else f"{found[1]}{found[3]}"

@@ -1,12 +1,14 @@
 """Camera files under other names: found by their content, or named in the error."""
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pipelines.errors import FormatError
+from pipelines.frames import camera_search, rgbd_folder
 from pipelines.frames.camera_search import MOST_BYTES, MOST_FILES, find_camera_file
 from pipelines.frames.frames import find_frames
 from tests.frames.layouts import build
@@ -83,6 +85,25 @@ def test_files_that_exist_for_each_frame_are_not_searched(bare: Path) -> None:
     for i in range(MOST_FILES + 1):
         (bare / f"labels_{i}.json").write_text(json.dumps(NAMED))
     assert find_camera_file(bare, "0") is None
+
+
+def test_a_listing_looks_at_few_of_many_files_and_splits_each_name_once(
+    bare: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for i in range(3 * MOST_FILES):
+        (bare / f"labels_{i}.json").write_text("{}")
+    find_frames(bare)
+    misses, looked, stat = rgbd_folder._word_and_rest.cache_info().misses, list[str](), Path.stat
+
+    def counted(path: Path, **options: bool) -> os.stat_result:
+        looked.append(path.name)
+        return stat(path, **options)
+
+    monkeypatch.setattr(Path, "stat", counted)
+    camera_search.shared_camera_file(bare)
+    assert sum(name.startswith("labels_") for name in looked) <= 2 * (MOST_FILES + 1)
+    find_frames(bare)
+    assert rgbd_folder._word_and_rest.cache_info().misses == misses
 
 
 @pytest.mark.skipif(not CASE.exists(), reason="needs ../shared/cases")

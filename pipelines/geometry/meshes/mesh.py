@@ -99,13 +99,15 @@ class Mesh:
         )
 
 
-def sample_surface(mesh: Mesh, n: int, rng: np.random.Generator) -> tuple[Array, Array, Indices]:
-    """Return `n` points of the surface, evenly spread by area.
+def sample_surface(
+    mesh: Mesh, n: int, rng: np.random.Generator, density: Array | None = None
+) -> tuple[Array, Array, Indices]:
+    """Return `n` points of the surface, evenly spread by area times `density` (f,), if given.
 
     Returns:
         points (n, 3), outward unit normals (n, 3), and the triangle (n,) of each point.
     """
-    cumulative = np.cumsum(mesh.face_areas)
+    cumulative = np.cumsum(mesh.face_areas if density is None else mesh.face_areas * density)
     # One draw in each of n equal shares of the area clumps less than independent draws.
     places = (np.arange(n) + rng.uniform(size=n)) / n * cumulative[-1]
     index = np.minimum(np.searchsorted(cumulative, places, side="right"), len(cumulative) - 1)

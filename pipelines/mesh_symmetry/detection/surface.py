@@ -46,9 +46,15 @@ class Surface:
     agreement: float  # share of neighbouring samples whose normals agree
 
     @classmethod
-    def from_mesh(cls, mesh: Mesh, num_samples: int, rng: np.random.Generator) -> "Surface":
-        """Sample `mesh` at `num_samples` points, uniformly by area."""
-        points, normals, faces = sample_surface(mesh, num_samples, rng)
+    def from_mesh(
+        cls,
+        mesh: Mesh,
+        num_samples: int,
+        rng: np.random.Generator,
+        density: Array | None = None,
+    ) -> "Surface":
+        """Sample `mesh` at `num_samples` points, evenly by area times `density` (f,), if given."""
+        points, normals, faces = sample_surface(mesh, num_samples, rng, density)
         tree = _tree(points)
         data = np.arange(0, num_samples, max(1, num_samples // NUM_PROBES))
         found = tree.query(points[data], k=min(NUM_NEIGHBORS, num_samples))

@@ -49,6 +49,9 @@ COARSE_SAMPLES, FINE_SAMPLES, FINAL_SAMPLES = 200, 600, 2000
 FEW_SAMPLES = 400
 KEPT_PLANES = 14
 FLAT_SHEET = 0.01  # of the diameter; largest thickness of a sheet with open rims
+THIN_PLATE = 0.04  # of the diameter; largest thickness of a plate whose walls get more samples
+WALL_SHARE = 0.3  # of the samples of a thin plate, on its walls
+WALL_COSINE = 0.5  # largest cosine between the normal of a wall and the thin axis
 WALL_REACH = 0.05  # of the diameter, the error of candidates; nearer samples represent the rim
 MIN_AREA = 1e-9  # of the squared diameter; a mesh of less area is points or a line
 MISS_CAP = 0.05  # of the diameter; cap of misses
@@ -81,9 +84,15 @@ class UnitSurface:
         if not mesh.area > MIN_AREA * size**2:
             raise ValueRangeError("area of the mesh", mesh.area, "positive: a surface")
         raw = Surface.from_mesh(mesh, config.num_samples, rng)
+        has_rim = bool(len(raw.rim.points))
+        thickness = _thickness(raw) / size
+        if thickness < THIN_PLATE and not has_rim:
+            # A separate generator, so that samples of other parts do not depend on this call.
+            own = rng.spawn(1)[0]
+            raw = Surface.from_mesh(mesh, config.num_samples, own, _wall_density(mesh, raw))
         center = raw.points.mean(axis=0)
         surface = raw.normalised(center, size)
-        is_sheet = bool(len(surface.rim.points)) and _thickness(surface) < FLAT_SHEET
+        is_sheet = has_rim and thickness < FLAT_SHEET
         if is_sheet:  # only the rim determines its position in its plane
             surface = surface.with_walls(WALL_REACH)
         verified = min(config.num_verification_samples, len(raw.points))
@@ -109,6 +118,18 @@ def _thickness(surface: Surface) -> float:
     """Return the extent of `surface` across its best plane, without outliers."""
     height = surface.points @ principal_axis_rows(surface.points)[-1]
     return float(np.ptp(np.percentile(height, [1.0, 99.0])))
+
+
+def _wall_density(mesh: Mesh, surface: Surface) -> Array:
+    """Return the density (f,) of samples that puts `WALL_SHARE` of them on the walls of a plate.
+
+    Only its walls determine the position of a plate in its plane, and they are 1 % of its area.
+    """
+    thin = principal_axis_rows(surface.points)[-1]
+    is_wall = np.abs(mesh.face_normals @ thin) < WALL_COSINE
+    share = float(mesh.face_areas[is_wall].sum() / mesh.area)
+    factor = WALL_SHARE / (1.0 - WALL_SHARE) * (1.0 - share) / share if share > 0.0 else 1.0
+    return np.where(is_wall, max(factor, 1.0), 1.0)
 
 
 def search_planes(

@@ -73,9 +73,9 @@ def _choice(
 
 def _settings_of_workspace(workspace: str) -> tuple[str, ...]:
     """Return the setting that `--workspace` changes: none if it names a mask."""
-    from pipelines.frames.workspace_files import parse_workspace
+    from pipelines.frames.workspace_files import box_of_text
 
-    return ("limits.box",) if parse_workspace(workspace)[0] else ()
+    return ("limits.box",) if box_of_text(workspace) else ()
 
 
 InferChoice = Annotated["ChosenFrames", FromOptions(_choice)]

@@ -24,13 +24,18 @@ def parse_workspace(text: str | None) -> tuple[tuple[float, ...], Path | None]:
     path = Path(text)
     if is_file(path):
         return (), path
+    if box := box_of_text(text):
+        return box, None
+    raise ValueRangeError("--workspace", text, FORMS)
+
+
+def box_of_text(text: str) -> tuple[float, ...]:
+    """Return the six numbers of `text`; () if it is no six numbers."""
     try:
         box = tuple(float(part) for part in re.split(r"[,\s]+", text.strip()))
     except ValueError:
-        box = ()
-    if len(box) != 6:
-        raise ValueRangeError("--workspace", text, FORMS)
-    return box, None
+        return ()
+    return box if len(box) == 6 else ()
 
 
 def read_workspace_mask(path: Path, shape: tuple[int, ...]) -> Mask:

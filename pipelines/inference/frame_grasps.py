@@ -1,7 +1,6 @@
 """Planning of one frame: its regions and ranked grasps."""
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import compress
@@ -14,7 +13,6 @@ from pipelines.array_types import Mask
 from pipelines.configs import InferConfig
 from pipelines.errors import SymgraspError
 from pipelines.frames.rgbd import Frame
-from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.passes import RegionModel, planar_pass, random_pass
@@ -171,13 +169,9 @@ class Planner:
         return by_network or self.symmetry_peer is not None
 
     def _region_plans(
-        self,
-        clouds: list[RegionCloud],
-        observation: Observation,
-        rng: np.random.Generator,
-        others: Sequence[tuple[RegionCloud, SymmetrySlots]] = (),
+        self, clouds: list[RegionCloud], observation: Observation, rng: np.random.Generator
     ) -> list[Plan]:
-        """Return the plan of each of `clouds`; `others`: the other regions of the frame, if any."""
+        """Return the plan of each of `clouds`, all regions of a frame."""
         planner, selection, scene = self._region_planner, self.config.selection, observation.scene
         if not self._knows_symmetries:
             only = random_pass(rng) if self.config.method == "random" else planar_pass()
@@ -187,7 +181,7 @@ class Planner:
         is_fitted = selection.symmetry.is_fitted and self.symmetry_peer is None
         critics = self.symmetry_critics if is_fitted else None
         plans = [Plan(RankedGrasps.empty()) for _ in clouds]
-        models = region_models(predicted, scene, selection, critics, others)
+        models = region_models(predicted, scene, selection, critics)
         for index, prediction, model in zip(large, predicted, models, strict=True):
             plans[index] = Plan(planner.plan(model, scene), model.symmetries, prediction)
         return plans
@@ -227,11 +221,10 @@ class Planner:
         }
         flat = [(index, i, mask) for index in pieces for i, mask in enumerate(pieces[index])]
         clouds = [RegionCloud.from_mask(mask, observation.scene) for _, _, mask in flat]
-        whole = [plan for index, plan in enumerate(plans) if not pieces.get(index)]
-        others = [(p.predicted.cloud, p.symmetries) for p in whole if p.predicted and p.symmetries]
         regions, plans = list(regions), list(plans)
-        planned = self._region_plans(clouds, observation, rng, others)
-        for (index, rank, mask), plan in zip(flat, planned, strict=True):
+        for (index, rank, mask), plan in zip(
+            flat, self._region_plans(clouds, observation, rng), strict=True
+        ):
             if len(pieces[index]) == 1:
                 regions[index], plans[index] = replace(regions[index], mask=mask), plan
             elif len(plan.grasps) and rank == 0:

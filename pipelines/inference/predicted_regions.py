@@ -71,12 +71,8 @@ def region_models(
     scene: SceneCloud,
     config: SelectionConfig,
     critics: SymmetryCritics | None,
-    others: Sequence[tuple[RegionCloud, SymmetrySlots]] = (),
 ) -> list[RegionModel]:
-    """Return the models of regions of a frame; without critics, symmetries are not fitted.
-
-    `others`: the other regions of the frame, whose unseen sides are obstacles too.
-    """
+    """Return the models of all regions of a frame; without critics, symmetries are not fitted."""
     clouds, symmetries = [p.cloud for p in predicted], [p.slots for p in predicted]
     if critics is not None:
         sources = config.symmetry.candidates
@@ -85,6 +81,6 @@ def region_models(
             for slots, cloud in zip(symmetries, clouds, strict=True)
         ]
     resolution = config.feasibility.scene_resolution
-    unseen = completions(clouds, scene, symmetries, config.symmetry, resolution, others)
+    unseen = completions(clouds, scene, symmetries, config.symmetry, resolution)
     affordance = [p.affordance for p in predicted]
     return [*map(RegionModel, clouds, symmetries, affordance, unseen)]

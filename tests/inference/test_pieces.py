@@ -8,9 +8,8 @@ from pipelines.frames.rgbd import Frame
 from pipelines.geometry.symmetry import ReflectionSymmetry, SymmetrySlots
 from pipelines.geometry.transforms import transform_points
 from pipelines.grasp_files.gripper_files import load_gripper
-from pipelines.inference import frame_grasps, models
+from pipelines.inference import models
 from pipelines.inference.frame_grasps import Planner
-from pipelines.inference.predicted_regions import region_models
 from pipelines.inference.regions import pieces_of
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
 from tests.inference.stand_ins import Detection, Detector, Prediction
@@ -56,18 +55,8 @@ class TwoPlanes(NoSymmetry):
         ]
 
 
-def planned(
-    boxes,
-    predictor,
-    regions="auto",
-    detection=lambda index: index >= 0,
-    further=(),
-    **planning,
-):
-    """Return the result of a frame with a detection, and the index of each pixel's box.
-
-    `further`: numbers of boxes that are detections of their own.
-    """
+def planned(boxes, predictor, regions="auto", detection=lambda index: index >= 0, **planning):
+    """Return the result of a frame with one detection, and the index of each pixel's box."""
     depth, index = render(boxes, POSE)
     frame = Frame("f", np.full((240, 320, 3), 90, np.uint8), depth.astype(np.float32), CAMERA)
     # Symmetries of the stand-in are not fitted. Two boxes have no common weight.
@@ -78,7 +67,7 @@ def planned(
     planner = Planner(
         config,
         load_gripper("rg2"),
-        Detector([Detection(detection(index)), *(Detection(index == box) for box in further)]),
+        Detector([Detection(detection(index))]),
         predictor,
         grasp_critic=critic,
     )
@@ -101,24 +90,6 @@ def test_two_objects_in_a_detection_get_separate_grasps():
     piece = result.regions.mask(1, width, height)
     assert (index[piece] == 1).mean() > 0.95
     assert piece.sum() > 0.9 * (index == 1).sum()
-
-
-def test_unseen_sides_of_regions_that_stay_whole_are_obstacles_to_pieces(monkeypatch):
-    made, other = [], Box((0.08, 0.08, 0.08), at=(-0.15, 0.0, 0.0))
-
-    def models_of(predicted, scene, config, critics, others=()):
-        made.append((len(predicted), others))
-        return region_models(predicted, scene, config, critics, others)
-
-    monkeypatch.setattr(frame_grasps, "region_models", models_of)
-    result, _ = planned(
-        [LARGE, SMALL, other], NoSymmetry(), detection=lambda index: index % 3 < 2, further=[2]
-    )
-    assert result.regions.source.tolist() == ["detector", "detector", "geometric"]
-    (first, none), (second, ((cloud, _),)) = made
-    assert (first, len(none), second) == (2, 0, 2)
-    middle = np.median((cloud.points - POSE[:3, 3]) @ POSE[:3, :3], axis=0)
-    assert np.abs(middle - np.array([-0.15, 0.0, 0.04])).max() < 0.05
 
 
 def with_strip(share):

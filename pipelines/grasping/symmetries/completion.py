@@ -43,27 +43,22 @@ def completions(
     symmetries: Sequence[SymmetrySlots],
     config: SymmetryConfig,
     resolution: float,
-    others: Sequence[tuple[RegionCloud, SymmetrySlots]] = (),
 ) -> list[Completion]:
     """Return the completion of each region of a frame, thinned to `resolution` metres.
 
     `symmetries`: symmetries of each region. A neighbour's unseen side needs less confidence to be
-    an obstacle than the region's own unseen side. `others`: further neighbours, which get no
-    completion themselves.
+    an obstacle than the region's own unseen side.
     """
-    least = config.least_confidence
-    for_own = max(config.min_completion_confidence, least)
-    for_others = max(config.min_neighbor_confidence, least)
-    further = [hidden_points(r, s.between(for_others), scene, resolution) for r, s in others]
     own, beside = [], []
     for region, known in zip(regions, symmetries, strict=True):
-        sure, likely = known.between(for_own), known.between(for_others)
+        least = config.least_confidence
+        sure = known.between(max(config.min_completion_confidence, least))
+        likely = known.between(max(config.min_neighbor_confidence, least))
         beside.append(hidden_points(region, likely, scene, resolution))
         same = len(sure) == len(likely)  # the symmetries of the stricter bound are a subset
         own.append(beside[-1] if same else hidden_points(region, sure, scene, resolution))
-    none = np.zeros((0, 3))
     return [
-        Completion(mine, np.concatenate([none, *further, *beside[:index], *beside[index + 1 :]]))
+        Completion(mine, np.concatenate([np.zeros((0, 3)), *beside[:index], *beside[index + 1 :]]))
         for index, mine in enumerate(own)
     ]
 

@@ -89,17 +89,6 @@ def test_each_region_is_completed_by_its_own_symmetries():
     np.testing.assert_array_equal(first.others, second.own)
 
 
-def test_unseen_sides_of_other_regions_are_obstacles_without_being_completed_themselves():
-    scene, regions, symmetries = seen(TARGET, BEFORE)
-    both, _ = completed(regions, scene, symmetries)
-    others = [(regions[1], symmetries[1])]
-    (alone,) = completions(
-        regions[:1], scene, symmetries[:1], CONFIG.symmetry, RESOLUTION, others=others
-    )
-    np.testing.assert_array_equal(alone.others, both.others)
-    assert len(alone.others) > 100
-
-
 def test_grasps_keep_clear_of_the_unseen_side_of_a_neighbour():
     scene, regions, known = seen(TARGET, BEFORE)
     both = completed(regions, scene, known)[0]

@@ -56,9 +56,10 @@ class PartSymmetries:
 
         The whole object has the symmetries of the detection, or those that a person left.
         """
+        # Of the whole object too, so that what is drawn for later parts does not depend on it.
+        found = analyse(self.parts.submesh(members), self._coarser, self.rng).symmetries
         if members.all():
             return list(self.detection.symmetries)
-        found = analyse(self.parts.submesh(members), self._coarser, self.rng).symmetries
         if any(is_round(symmetry) for symmetry in found):
             return self._without_dropped(found, members)
         planes = [symmetry for symmetry in found if isinstance(symmetry, ReflectionSymmetry)]

@@ -12,7 +12,14 @@ from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
 from pipelines.errors import FormatError, ValueRangeError
 from pipelines.evaluation.predictions import FramePredictions
 from pipelines.evaluation.reports import WITH
-from pipelines.evaluation.rows import AS_PRINTED, BASELINE_ROWS, BY_FITTING, OURS, SELECTED
+from pipelines.evaluation.rows import (
+    AS_PRINTED,
+    BASELINE_ROWS,
+    BY_FITTING,
+    OURS,
+    SELECTED,
+    report_row,
+)
 from pipelines.evaluation.truth_inputs import truth_digests
 from pipelines.grasp_files.grasps_stream import (
     GraspsIndex,
@@ -25,6 +32,7 @@ from pipelines.runtime.batch import BatchOptions, WorkItem, drop_stale
 from pipelines.storage.provenance import Stamp, digest
 
 RowPlaces = dict[str, tuple[Path, list[int]]]
+COMPARED_METHODS = (*TRAINED_METHODS, BY_FITTING)  # of `infer --method`
 
 
 @dataclass(frozen=True)
@@ -67,6 +75,17 @@ class ComparedRuns:
             raise FormatError(path, f"has grasps for {theirs}, ours are for {used}", expected)
         return used
 
+    def method_notes(self) -> dict[str, str]:
+        """Return a sentence, by path, if our file has the grasps of a compared method."""
+        method = self.index.attrs["config"].get("method")
+        if method not in COMPARED_METHODS:
+            return {}
+        note = (
+            f"its grasps are those of `infer --method {method}`, and the report calls its row "
+            f"{report_row(OURS).title}; --with shows them beside ours under their name"
+        )
+        return {str(self.paths[OURS]): note}
+
     def gripper_notes(self, gripper: str) -> dict[str, str]:
         """Return a sentence for each file with grasps for another gripper, by its path."""
         return {
@@ -103,7 +122,7 @@ def _refuse_misnamed(path: Path) -> None:
     """Raise ValueRangeError if the file has the name of a method that did not find its grasps."""
     name = path.stem.removesuffix(SELECTED)
     config = read_index(path).attrs["config"]
-    if name in (*TRAINED_METHODS, BY_FITTING):
+    if name in COMPARED_METHODS:
         fits, command = config.get("method") == name, f"infer --method {name}"
     elif name == AS_PRINTED:
         ranking = mapping_in(mapping_in(config, "selection"), "ranking")

@@ -610,6 +610,17 @@ def test_other_grasps_for_another_gripper_are_refused_unless_a_gripper_is_named(
     assert found == {str(other): f"the grasps were found for {theirs} and are evaluated with rg2"}
 
 
+@pytest.mark.parametrize("method", ["gg-cnn", "symmetry-icp", "network", "planar"])
+def test_grasps_of_a_compared_method_in_place_of_ours_are_noted(root, tmp_path, method):
+    path = tmp_path / "grasps.h5"
+    write_grasps(path, [true_result(root, name) for name in frame_names()], method)
+    notes = run(path, root, tmp_path / "report.json").notes
+    if method in ("gg-cnn", "symmetry-icp"):
+        assert f"those of `infer --method {method}`" in notes[str(path)]
+    else:
+        assert notes == {}
+
+
 def test_a_gripper_of_another_name_with_the_same_measures_is_no_other_gripper(
     root, truth_file, tmp_path
 ):

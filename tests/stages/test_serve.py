@@ -354,35 +354,35 @@ def test_errors_of_a_frame_are_reported_in_one_sentence_and_internal_faults_are_
     assert "secret" not in answer.text
 
 
-def test_eight_clients_at_once_are_answered_and_clients_beyond_the_queue_are_refused():
-    begun, go = threading.Semaphore(0), threading.Event()
+class HeldDetector:
+    """A detector that begins each frame at once and answers when `go` is set."""
 
-    def detect(*_args, **_options):
-        begun.release()
-        assert go.wait(20)
+    def __init__(self):
+        self.begun, self.go = threading.Semaphore(0), threading.Event()
+
+    def __call__(self, *_args, **_options):
+        self.begun.release()
+        assert self.go.wait(60)
         return RESULT
 
+
+def test_eight_clients_at_once_are_answered_and_clients_beyond_the_queue_are_refused():
+    detect = HeldDetector()
     with client_of(detect, parallel=4, max_waiting=8) as client, ThreadPoolExecutor(8) as pool:
         answers = [pool.submit(client.post, "/grasps", json=post()) for _ in range(8)]
         for _ in range(4):
-            assert begun.acquire(timeout=20)
+            assert detect.begun.acquire(timeout=20)
         while client.get("/health").json()["waiting"] < 8:
             time.sleep(0.01)
         assert client.post("/grasps", json=post()).status_code == 503
-        go.set()
+        detect.go.set()
         assert [each.result().status_code for each in answers] == [200] * 8
         health = client.get("/health").json()
     assert (health["answered"], health["refused"], health["waiting"]) == (8, 1, 0)
 
 
 def test_a_post_whose_answer_is_expected_too_late_is_refused_until_it_would_be_in_time():
-    begun, go = threading.Semaphore(0), threading.Event()
-
-    def detect(*_args, **_options):
-        begun.release()
-        assert go.wait(20)
-        return RESULT
-
+    detect = HeldDetector()
     times = http_app.FrameTimes(parallel=2, mean=7.0)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(http_app, "FrameTimes", lambda _parallel: times)
@@ -390,13 +390,13 @@ def test_a_post_whose_answer_is_expected_too_late_is_refused_until_it_would_be_i
     with server as client, ThreadPoolExecutor(4) as pool:
         answers = [pool.submit(client.post, "/grasps", json=post()) for _ in range(4)]
         for _ in range(2):
-            assert begun.acquire(timeout=20)
+            assert detect.begun.acquire(timeout=20)
         while client.get("/health").json()["waiting"] < 4:
             time.sleep(0.01)
         refused = client.post("/grasps", json=post())  # of 7 s each, two pairs are ahead
         assert (refused.status_code, refused.headers["Retry-After"]) == (503, "7")
         assert refused.json() == {"error": "4 frames are waiting; post again in 7 s"}
-        go.set()
+        detect.go.set()
         assert [each.result().status_code for each in answers] == [200] * 4
         times.mean = 7.0  # posts that do not wait are never refused, or the mean would stay
         assert client.post("/grasps", json=post()).status_code == 200
@@ -434,31 +434,25 @@ def counts_at(port):
 
 @pytest.mark.parametrize("side", [12, 400])  # uvicorn stops reading after bodies of 64 kB
 def test_frames_of_clients_that_have_gone_are_not_processed(side):
-    begun, go = threading.Semaphore(0), threading.Event()
-
-    def detect(*_args, **_options):
-        begun.release()
-        assert go.wait(60)
-        return RESULT
-
+    detect = HeldDetector()
     body = json.dumps(post(color=raw(np.zeros((side, side, 3), np.uint8)))).encode()
     head = {"Content-Type": "application/json"}
     with served(detect, parallel=1) as port, ThreadPoolExecutor(1) as pool:
         url = f"http://127.0.0.1:{port}/grasps"
         patient = pool.submit(urllib.request.urlopen, urllib.request.Request(url, body, head))
-        assert begun.acquire(timeout=60)
+        assert detect.begun.acquire(timeout=60)
         gone = http.client.HTTPConnection("127.0.0.1", port)
         gone.request("POST", "/grasps", body, head)
         while counts_at(port)["waiting"] < 2:
             time.sleep(0.01)
         gone.close()
-        go.set()
+        detect.go.set()
         patient.result().close()
         while counts_at(port)["waiting"]:
             time.sleep(0.01)
         counts = counts_at(port)
     assert (counts["answered"], counts["refused"]) == (1, 1)
-    assert not begun.acquire(blocking=False)
+    assert not detect.begun.acquire(blocking=False)
 
 
 def test_the_command_answers_the_example_and_ends_with_sigterm(tmp_path):

@@ -8,6 +8,7 @@ from pipelines.array_types import Array, Mask
 from pipelines.errors import SymgraspError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.symmetry import SPHERE_SLOT, SymmetrySlots
+from pipelines.grasp_files.grasp_checks import refuse_wrong_grasps
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.ranked_grasps import RankedGrasps
@@ -70,14 +71,13 @@ class FramePredictions:
         `knows_regions`: the method grasps regions, not whole frames.
 
         Raises:
-            SymgraspError: a score, a pose or a width is not finite.
+            SymgraspError: as `refuse_wrong_grasps`, with the frame's name.
         """
         regions, grasps = result.regions, result.grasps
-        for name in ("rank_score", "rotation", "translation", "width"):
-            if not np.isfinite(getattr(grasps, name)).all():
-                raise SymgraspError(
-                    f"{result.name}: the {name} of a grasp is not finite; run infer again"
-                )
+        try:
+            refuse_wrong_grasps(grasps)
+        except SymgraspError as error:
+            raise SymgraspError(f"{result.name}: {error}") from error
         best: list[GraspPoses] = [GraspPoses.empty() for _ in range(len(regions))]
         score = [-np.inf] * len(regions)
         for i in np.flatnonzero(grasps.is_best).tolist():

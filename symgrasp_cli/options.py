@@ -59,7 +59,11 @@ Resume = Annotated[bool, _running("Continue an unfinished training.", "--resume"
 Threads = Annotated[int, _running("CPU cores to train on.", min=1, metavar="N")]
 MaxSeconds = Annotated[
     float | None,
-    _running("Time after which to stop cleanly; --resume continues.", min=0.0, metavar="SECONDS"),
+    _running(
+        "Time after which to stop cleanly, at least one step later; --resume continues.",
+        min=0.0,
+        metavar="SECONDS",
+    ),
 ]
 MaxMinutes = Annotated[
     float | None,

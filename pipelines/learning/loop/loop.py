@@ -82,6 +82,7 @@ class TrainingRun:
         self.progress = Progress()
         self.signals = StopSignals()
         self._losses: Losses = {}
+        self._limit = math.inf if request.max_seconds is None else request.max_seconds
 
     def resume(self) -> None:
         """Restore the state of the checkpoint."""
@@ -276,9 +277,7 @@ class TrainingRun:
         done = self.progress.total_steps - self._steps_before
         total = self.config.epochs * steps_an_epoch - self._steps_before
         seconds = self._elapsed() / done * (total - done)
-        if self.request.max_seconds is not None:
-            seconds = min(seconds, self.request.max_seconds - self._elapsed())
-        return seconds
+        return max(0.0, min(seconds, self._limit - self._elapsed()))
 
     def _save_checkpoint(self) -> None:
         if self.processes.is_first:
@@ -293,8 +292,9 @@ class TrainingRun:
         return lambda: alone and self.signals.reason is not StopReason.NONE
 
     def _why_stop(self) -> StopReason:
-        """Return the reason to stop, equal in all processes."""
-        limit, own = self.request.max_seconds, self.signals.reason
-        if limit is not None and self._elapsed() > limit:
+        """Return the reason to stop, equal in all processes; a time limit lets one step pass."""
+        own = self.signals.reason
+        has_advanced = self.progress.total_steps > self._steps_before
+        if has_advanced and self._elapsed() > self._limit:
             own = max(own, StopReason.TIME_LIMIT)
         return StopReason(self.processes.most(own))

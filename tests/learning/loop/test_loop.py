@@ -463,6 +463,17 @@ def test_a_time_limit_stops_cleanly_with_a_checkpoint(tmp_path):
     assert file_of_run(tmp_path / "line.safetensors", CHECKPOINT).exists()
 
 
+def test_each_of_a_series_of_short_runs_takes_a_step(tmp_path, whole):
+    output, request = tmp_path / "line.safetensors", replace(REQUEST, max_seconds=0.0)
+    counts = []
+    for resume in [False, *[True] * 29]:
+        _, progress = trained(output, request=request, resume=resume)
+        counts.append(progress.total_steps)
+    assert counts == list(range(1, 31))
+    assert progress.finished
+    assert_same(output, whole[Line])
+
+
 def test_a_run_without_a_finite_validation_fails_in_a_sentence(tmp_path):
     class Lost(Line):
         def validate(self):

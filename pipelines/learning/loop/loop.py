@@ -141,7 +141,7 @@ class TrainingRun:
         from torch.utils.tensorboard import SummaryWriter  # noqa: PLC0415 - slow to import
 
         # Removes an earlier run's scalars of later steps, or all scalars if this run starts anew.
-        purge = self.progress.total_steps
+        purge = self.progress.total_steps + 1
         writer: SummaryWriter = stack.enter_context(
             SummaryWriter(str(file_of_run(self.output, LOGS)), purge_step=purge)
         )

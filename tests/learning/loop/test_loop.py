@@ -592,6 +592,18 @@ def test_the_curves_of_a_training_that_starts_anew_show_no_earlier_one(tmp_path)
     assert steps == sorted(steps)
 
 
+def test_a_resumed_run_keeps_the_scalars_of_all_validations(tmp_path):
+    output = tmp_path / "line.safetensors"
+    run = new_run(output, Line())
+    stop_after(run, 20)  # the end of an epoch
+    run.run()
+    time.sleep(1.1)  # as above
+    trained(output, resume=True)
+    read = EventAccumulator(str(tmp_path / "line.logs"))
+    read.Reload()
+    assert [event.step for event in read.Scalars("val/loss")] == [10, 20, 30]
+
+
 def test_the_picture_of_a_resumed_run_equals_that_of_an_uninterrupted_one(tmp_path, whole):
     output = tmp_path / "line.safetensors"
     run = new_run(output, Line())

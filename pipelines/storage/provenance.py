@@ -207,9 +207,15 @@ def is_finished(target: Path, stamp: Stamp, *, overwrite: bool = False) -> bool:
     found, wanted = read_stamp(target) or {}, stamp.as_json()
     if any(found.get(key) != wanted[key] for key in COMPARED):
         raise StaleOutputError(target)
-    if found.get("version") != wanted["version"]:
-        _warn_of_version(str(found.get("version")), str(wanted["version"]))
+    warn_of_other_version(found, stamp)
     return True
+
+
+def warn_of_other_version(found: Mapping[str, Any], stamp: Stamp) -> None:
+    """Warn if the stamp `found` of a reused file is of another version than the new `stamp`."""
+    made, installed = found.get("version"), stamp.as_json()["version"]
+    if made != installed:
+        _warn_of_version(str(made), str(installed))
 
 
 @lru_cache  # once a process: a stage may reuse thousands of files

@@ -8,7 +8,7 @@ from typing import Any
 from pipelines.contents import reading, typed
 from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.storage.checkpoints import load_training
-from pipelines.storage.provenance import COMPARED, Stamp, read_stamp
+from pipelines.storage.provenance import COMPARED, Stamp, read_stamp, warn_of_other_version
 
 # Endings of files that a run owns in addition to its output.
 CHECKPOINT, CURVES, LOGS = "checkpoint.safetensors", "curves.png", "logs"
@@ -136,6 +136,7 @@ def find_progress(output: Path, stamp: Stamp, request: RunRequest) -> Progress |
             f"{checkpoint} was made with {' and '.join(changes)}; "
             "give the same options and data to resume it, or pass --overwrite to start again"
         )
+    warn_of_other_version(found, stamp)
     progress = Progress.of(load_training(checkpoint).progress, checkpoint)
     if progress.finished and not output.exists():  # weights are gone; the checkpoint has them
         progress.finished = False

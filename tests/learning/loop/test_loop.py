@@ -604,6 +604,19 @@ def test_a_resumed_run_keeps_the_scalars_of_all_validations(tmp_path):
     assert [event.step for event in read.Scalars("val/loss")] == [10, 20, 30]
 
 
+def test_a_checkpoint_of_another_version_is_resumed_with_a_warning(tmp_path, caplog):
+    output = tmp_path / "line.safetensors"
+    run = new_run(output, Line())
+    stop_after(run, 1)
+    run.run()
+    checkpoint = file_of_run(output, CHECKPOINT)
+    tensors, metadata = load_weights(checkpoint)
+    stamp = json.loads(metadata["provenance"]) | {"version": "0.0.7"}
+    save_weights(checkpoint, tensors, metadata | {"provenance": json.dumps(stamp)})
+    assert find_progress(output, STAMP, replace(REQUEST, resume=True)).total_steps == 1
+    assert "made by symgrasp 0.0.7" in caplog.text
+
+
 def test_the_picture_of_a_resumed_run_equals_that_of_an_uninterrupted_one(tmp_path, whole):
     output = tmp_path / "line.safetensors"
     run = new_run(output, Line())

@@ -85,8 +85,8 @@ class TrainingRun:
         self._limit = math.inf if request.max_seconds is None else request.max_seconds
 
     def resume(self) -> None:
-        """Restore the state of the checkpoint."""
-        self.progress = self.files.restore()
+        """Restore the state of the checkpoint; with --overwrite, a damaged one is left out."""
+        self.progress = self.files.restore(or_anew=self.request.overwrite)
 
     def report(self, started: float, *, resumes: bool) -> StageReport:
         """Train, from the checkpoint if it `resumes`; return the report of the stage.

@@ -6,6 +6,7 @@ that the result does not depend on the place of the stop. Files are written whol
 the first process alone.
 """
 
+import copy
 import json
 import math
 import time
@@ -17,13 +18,14 @@ import torch
 from torch import Tensor
 
 from pipelines.contents import reading
-from pipelines.errors import ValueRangeError
+from pipelines.errors import FormatError, ValueRangeError
 from pipelines.learning.loop.runs import (
     CHECKPOINT,
     CURVES,
     TRAIN_AGAIN,
     Progress,
     file_of_run,
+    warn_of_damage,
 )
 from pipelines.learning.loop.trainee import Trainee
 from pipelines.learning.progress.curves import write_curves
@@ -56,12 +58,27 @@ class RunFiles:
         self.saved = time.monotonic()
         self._best: dict[str, Tensor] = {}
 
-    def restore(self) -> Progress:
+    def restore(self, *, or_anew: bool = False) -> Progress:
         """Restore the state of the checkpoint, and return its progress.
 
+        `or_anew`: if the checkpoint is damaged, leave the state as it is, and return no progress.
+
         Raises:
-            FormatError: the checkpoint is damaged.
+            FormatError: the checkpoint is damaged, unless `or_anew`.
         """
+        start = copy.deepcopy((self.trainee.module.state_dict(), self.optimizer.state_dict()))
+        try:
+            return self._restored()
+        except FormatError as error:
+            if not or_anew:
+                raise
+            warn_of_damage(error)
+        self.trainee.module.load_state_dict(start[0])
+        self.optimizer.load_state_dict(start[1])
+        self.average.load(start[0])
+        return Progress()
+
+    def _restored(self) -> Progress:
         path = file_of_run(self.output, CHECKPOINT)
         state = load_training(path)
         with reading(path, "the state of the training", TRAIN_AGAIN):
@@ -75,8 +92,9 @@ class RunFiles:
                 moments = dict.fromkeys(("exp_avg", "exp_avg_sq"), parameter.shape)
                 if shapes != {"step": torch.Size([]), **moments}:
                     raise ValueError("the optimiser's state is not Adam's")
+        progress = Progress.of(state.progress, path)
         self._best = kinds["best"]
-        return Progress.of(state.progress, path)
+        return progress
 
     def save_checkpoint(self, progress: Progress) -> None:
         """Write everything that the training needs to continue."""

@@ -1,14 +1,17 @@
 """A requested training, the files it owns, and the progress of an earlier run."""
 
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from pipelines.contents import reading, typed
-from pipelines.errors import SymgraspError, ValueRangeError
+from pipelines.errors import FormatError, SymgraspError, ValueRangeError
 from pipelines.storage.checkpoints import load_training
 from pipelines.storage.provenance import COMPARED, Stamp, read_stamp, warn_of_other_version
+
+log = logging.getLogger(__name__)
 
 # Endings of files that a run owns in addition to its output.
 CHECKPOINT, CURVES, LOGS = "checkpoint.safetensors", "curves.png", "logs"
@@ -108,12 +111,14 @@ def file_of_run(output: Path, kind: str) -> Path:
 def find_progress(output: Path, stamp: Stamp, request: RunRequest) -> Progress | None:
     """Return the progress of an earlier run that is finished or to be resumed, else None.
 
-    With --resume and --overwrite, a run of the same settings is resumed, any other is replaced.
+    With --resume and --overwrite, a run of the same settings is resumed, any other run and a
+    damaged checkpoint are replaced.
 
     Raises:
         ValueRangeError: `output` has another ending than .safetensors.
         SymgraspError: there is an earlier run and neither --resume nor --overwrite is given, or
             the earlier run had other settings and cannot be resumed.
+        FormatError: the checkpoint is damaged, and --overwrite is not given.
     """
     if output.suffix != ".safetensors":
         raise ValueRangeError("--out", output, "NAME.safetensors")
@@ -122,8 +127,26 @@ def find_progress(output: Path, stamp: Stamp, request: RunRequest) -> Progress |
         return None
     if request.overwrite and not request.resume:
         return None  # whatever the checkpoint holds: it may be damaged
-    wanted, found = stamp.as_json(), (read_stamp(checkpoint) or {} if checkpoint.exists() else {})
-    changed = [key for key in COMPARED if found.get(key) != wanted[key]]
+    try:
+        return _progress_to_resume(output, checkpoint, stamp, request)
+    except FormatError as error:
+        if not request.overwrite:
+            raise
+        warn_of_damage(error)
+        return None
+
+
+def warn_of_damage(error: FormatError) -> None:
+    """Warn that a run with --overwrite does not resume from its damaged checkpoint."""
+    log.warning("the training starts again, as --overwrite allows: %s", error)
+
+
+def _progress_to_resume(
+    output: Path, checkpoint: Path, stamp: Stamp, request: RunRequest
+) -> Progress | None:
+    """Return the progress of an earlier run, None if it is to be replaced; see `find_progress`."""
+    found = read_stamp(checkpoint) or {} if checkpoint.exists() else {}
+    changed = _changes(found, stamp)
     if request.overwrite and changed:
         return None
     if not checkpoint.exists():
@@ -147,6 +170,12 @@ def find_progress(output: Path, stamp: Stamp, request: RunRequest) -> Progress |
             "pass --resume to continue it or --overwrite to start again"
         )
     return progress
+
+
+def _changes(found: Mapping[str, Any], stamp: Stamp) -> list[str]:
+    """Return the compared fields of `stamp` that differ in the stamp `found` of a file."""
+    wanted = stamp.as_json()
+    return [key for key in COMPARED if found.get(key) != wanted[key]]
 
 
 def describe(progress: Progress) -> str:

@@ -320,6 +320,28 @@ def test_a_damaged_checkpoint_is_overwritten_on_request(tmp_path, content):
     assert find_progress(output, STAMP, RunRequest(overwrite=True)) is None
 
 
+@pytest.mark.parametrize("name", [None, "model.best.0.weight", "optimizer.0.exp_avg"])
+def test_a_command_with_overwrite_and_resume_starts_again_from_a_damaged_checkpoint(
+    tmp_path, whole, caplog, name
+):
+    output, both = tmp_path / "line.safetensors", replace(REQUEST, resume=True, overwrite=True)
+    run = new_run(output, Line())
+    stop_after(run, 14)
+    run.run()
+    checkpoint = file_of_run(output, CHECKPOINT)
+    if name is None:
+        checkpoint.write_bytes(b"cut off")
+    else:
+        tensors, metadata = load_weights(checkpoint)
+        halve(tensors, name)
+        save_weights(checkpoint, tensors, metadata)
+    earlier = find_progress(output, STAMP, both)
+    assert (earlier is None) == (name is None)
+    trained(output, request=both, resume=earlier is not None)
+    assert "the training starts again" in caplog.text
+    assert_same(output, whole[Line])
+
+
 def test_missing_weights_are_written_again_from_the_checkpoint(tmp_path, whole):
     output = tmp_path / "line.safetensors"
     for path in whole[Line], file_of_run(whole[Line], CHECKPOINT):

@@ -25,6 +25,7 @@ from pipelines.learning.loop.runs import (
     TRAIN_AGAIN,
     Progress,
     file_of_run,
+    remove_other_weights,
     warn_of_damage,
 )
 from pipelines.learning.loop.trainee import Trainee
@@ -57,6 +58,7 @@ class RunFiles:
         self.output, self.stamp, self.metadata = output, stamp, dict(metadata)
         self.saved = time.monotonic()
         self._best: dict[str, Tensor] = {}
+        self._is_begun = False
 
     def restore(self, *, or_anew: bool = False) -> Progress:
         """Restore the state of the checkpoint, and return its progress.
@@ -98,6 +100,9 @@ class RunFiles:
 
     def save_checkpoint(self, progress: Progress) -> None:
         """Write everything that the training needs to continue."""
+        if not self._is_begun:  # before the checkpoint: that of the other run can restore them
+            remove_other_weights(self.output, self.stamp)
+            self._is_begun = True
         now = time.monotonic()
         progress.seconds += now - self.saved
         self.saved = now

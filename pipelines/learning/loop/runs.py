@@ -178,6 +178,18 @@ def _changes(found: Mapping[str, Any], stamp: Stamp) -> list[str]:
     return [key for key in COMPARED if found.get(key) != wanted[key]]
 
 
+def remove_other_weights(output: Path, stamp: Stamp) -> None:
+    """Remove weights of another run, which would pass for those of a new run that has none yet."""
+    if not output.exists():
+        return
+    try:
+        is_own = not _changes(read_stamp(output) or {}, stamp)
+    except FormatError:  # damaged
+        is_own = False
+    if not is_own:
+        output.unlink()
+
+
 def describe(progress: Progress) -> str:
     """Return the number of steps and the figures of the kept weights, in one line."""
     figures = ", ".join(f"{name} {value:.4g}" for name, value in progress.kept.items())

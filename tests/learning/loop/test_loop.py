@@ -508,6 +508,23 @@ def test_a_run_without_a_finite_validation_fails_in_a_sentence(tmp_path):
         assert not output.exists()
 
 
+@pytest.mark.parametrize("is_whole", [True, False])
+def test_weights_of_another_run_do_not_pass_for_those_of_a_new_run(tmp_path, whole, is_whole):
+    class Lost(Line):
+        def validate(self):
+            return {"loss": math.nan}
+
+    output = tmp_path / "line.safetensors"
+    save_weights(output, load_weights(whole[Line])[0], {}, replace(STAMP, seed=1))
+    if not is_whole:
+        output.write_bytes(b"cut off")
+    for resume in (False, True):
+        with pytest.raises(ValueRangeError, match="not written"):
+            trained(output, replace(CONFIG, epochs=1), trainee=Lost(), resume=resume)
+        assert not output.exists()
+        assert not find_progress(output, STAMP, REQUEST).finished
+
+
 def test_a_loss_that_is_not_finite_stops_with_a_sentence_and_keeps_the_batch(tmp_path):
     output, trainee = tmp_path / "line.safetensors", Line(faulty_item=33)
     with pytest.raises(ValueRangeError, match=r"loss at epoch 1, step \d+ .* finite.*holds the"):

@@ -32,7 +32,7 @@ from pipelines.learning.detector.detector_start import starting_detector
 from pipelines.learning.detector.detector_training import DetectorTraining
 from pipelines.learning.loop.faults import read_fault
 from pipelines.learning.loop.loop import TrainingRun
-from pipelines.learning.loop.runs import RunRequest, find_progress
+from pipelines.learning.loop.runs import RunRequest, find_progress, refuse_own_start
 from pipelines.learning.speed.processes import process_group
 from pipelines.network.detection.detector import MODEL_NAME
 from pipelines.network.weights_files import weights_metadata
@@ -64,6 +64,7 @@ def run(
     """
     with process_group(request.device) as (processes, device):
         started = time.monotonic()
+        refuse_own_start(init, output)
         inputs = _inputs(roots, init, coco_weights)
         scenes = {root: scene_items(root, output, config, split, camera) for root in roots}
         stamps = [item.stamp.as_digest() for items in scenes.values() for item in items]

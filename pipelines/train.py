@@ -29,7 +29,7 @@ from pipelines.learning.grasp_network.region_sources import RegionSet, TrainingR
 from pipelines.learning.loop.faults import read_fault
 from pipelines.learning.loop.loaders import split_by_scene
 from pipelines.learning.loop.loop import TrainingRun
-from pipelines.learning.loop.runs import RunRequest, find_progress
+from pipelines.learning.loop.runs import RunRequest, find_progress, refuse_own_start
 from pipelines.learning.speed.processes import process_group
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.weights_files import fill, read_weights, weights_metadata, widened
@@ -63,6 +63,7 @@ def run(
     """
     with process_group(request.device) as (processes, device), ExitStack() as stack:
         started = time.monotonic()
+        refuse_own_start(init, output)
         inputs = _inputs(packed, validation, endless, init)
         stamp = make_stamp(STAGE, config, seed=request.seed, inputs=inputs)
         earlier = find_progress(output, stamp, request)

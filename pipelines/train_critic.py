@@ -35,7 +35,7 @@ from pipelines.learning.critics.critic_training import CriticTraining
 from pipelines.learning.critics.kinds import CRITIC_KINDS, CriticKind
 from pipelines.learning.loop.faults import read_fault
 from pipelines.learning.loop.loop import TrainingRun
-from pipelines.learning.loop.runs import RunRequest, describe, find_progress
+from pipelines.learning.loop.runs import RunRequest, describe, find_progress, refuse_own_start
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import real_path
@@ -70,6 +70,7 @@ def run(
     critic to start from.
     """
     refuse_other_suffix(output, ".safetensors")
+    refuse_own_start(init, output)
     _check_roots(roots, held_out)
     start = None if init is None else critic_files.read_point_critic(init, kind.model)
     started, paths = time.monotonic(), paths or ModelPaths()

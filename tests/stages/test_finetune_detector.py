@@ -70,6 +70,13 @@ def test_weights_of_another_model_are_named_before_frames_are_prepared(root, tmp
     assert not output.with_name("detector.frames").exists()
 
 
+def test_a_detector_does_not_start_from_its_own_output(tmp_path):
+    path = tmp_path / "detector.safetensors"
+    path.touch()
+    with pytest.raises(ValueRangeError, match=r"--init is .*; it must be another file than --out"):
+        finetune_detector.run([tmp_path], path, SHORT, REQUEST, init=path)
+
+
 def test_frames_are_prepared_with_their_regions(root, output):
     files = sorted(finetune_detector.frames_folder(output, root.root).glob("*.h5"))
     assert len(files) == 2

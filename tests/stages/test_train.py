@@ -113,6 +113,12 @@ def test_scenes_for_validation_are_not_trained_on(packed, tmp_path):
     assert len(train_set.indices) + len(val_set.indices) == len(PackedReader(packed))
 
 
+def test_a_training_does_not_start_from_its_own_output(packed, output):
+    overwriting = replace(REQUEST, overwrite=True)
+    with pytest.raises(ValueRangeError, match=r"--init is .*; it must be another file than --out"):
+        train.run(packed, None, output, CONFIG, overwriting, init=output)
+
+
 def test_a_dataset_root_is_refused_as_packed_folder(tmp_path):
     (tmp_path / "scenes").mkdir()
     with pytest.raises(

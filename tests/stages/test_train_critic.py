@@ -88,6 +88,13 @@ def with_rows_of(output, folder):
     return folder / output.name
 
 
+def test_a_critic_does_not_start_from_its_own_output(tmp_path):
+    path = tmp_path / "axes.safetensors"
+    path.touch()
+    with pytest.raises(ValueRangeError, match=r"--init is .*; it must be another file than --out"):
+        run("axes", [tmp_path, tmp_path], path, init=path)
+
+
 def test_the_files_are_critics_that_name_their_features(outputs):
     for name in CRITIC_KINDS:
         critic = critic_files.read_point_critic(outputs[name], CRITIC_KINDS[name].model)

@@ -190,6 +190,15 @@ def remove_other_weights(output: Path, stamp: Stamp) -> None:
         output.unlink()
 
 
+def refuse_own_start(init: Path | None, output: Path) -> None:
+    """Raise ValueRangeError if a training would start from the file that it writes.
+
+    Once the file is written, the training could not resume: its start would be another one.
+    """
+    if init is not None and init.exists() and output.exists() and init.samefile(output):
+        raise ValueRangeError("--init", init, "another file than --out, such as a copy")
+
+
 def describe(progress: Progress) -> str:
     """Return the number of steps and the figures of the kept weights, in one line."""
     figures = ", ".join(f"{name} {value:.4g}" for name, value in progress.kept.items())

@@ -20,6 +20,7 @@ import numpy as np
 import torch
 
 from pipelines.configs import NetworkConfig, TrainConfig
+from pipelines.contents import mapping_in
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.training.packed_regions import PackedReader
 from pipelines.errors import FormatError, ValueRangeError
@@ -36,7 +37,7 @@ from pipelines.network.weights_files import fill, read_weights, weights_metadata
 from pipelines.runtime.batch import StageReport
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import existing
-from pipelines.storage.provenance import digest, digest_folder, make_stamp
+from pipelines.storage.provenance import digest, digest_folder, make_stamp, read_stamp
 
 if TYPE_CHECKING:
     from pipelines.synthesis.endless_pool import EndlessPool
@@ -154,15 +155,18 @@ def region_sets(
 
 
 def _refuse_shared(train: PackedReader, validation: PackedReader) -> None:
-    """Raise ValueRangeError if a file to validate on, or a copy of it, is trained on."""
-    sizes: dict[int, list[Path]] = {}
-    for path in train.paths:
-        sizes.setdefault(path.stat().st_size, []).append(path)
+    """Raise ValueRangeError if a scene to validate on is trained on, packed alike or otherwise."""
+    trained = {_frames(path): path for path in train.paths}
     for path in validation.paths:
-        for trained in sizes.get(path.stat().st_size, []):
-            if digest(path) == digest(trained):
-                expected = f"a folder without the files that are trained on, such as {trained}"
-                raise ValueRangeError("--val", path, expected)
+        if _frames(path) in trained:
+            expected = f"a folder without trained scenes; {trained[_frames(path)]} is of its frames"
+            raise ValueRangeError("--val", path, expected)
+
+
+def _frames(path: Path) -> str:
+    """Return the digest of the frames that `path` was packed of, or of the file without stamp."""
+    inputs = mapping_in(read_stamp(path) or {}, "inputs")
+    return str(inputs.get("frames") or digest(path))
 
 
 def _all_regions(packed: Path) -> RegionSet:

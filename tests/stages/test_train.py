@@ -10,6 +10,7 @@ import torch
 from pipelines import train
 from pipelines.dataset import object_list
 from pipelines.dataset.object_list import ObjectRecord
+from pipelines.dataset.training import packed_regions
 from pipelines.dataset.training.packed_regions import PackedReader
 from pipelines.errors import FormatError, SymgraspError, ValueRangeError
 from pipelines.learning.loop.runs import CHECKPOINT, FAULT, RunRequest, file_of_run
@@ -17,6 +18,7 @@ from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.predictor import GraspPredictor
 from pipelines.network.weights_files import weights_metadata
 from pipelines.storage.checkpoints import load_weights, save_weights
+from pipelines.storage.provenance import make_stamp
 from tests.learning.packed_toys import CONFIG, write_packed
 from tests.learning.stopped import stopped_after
 from tests.stages.toy_root import STAMP, write_root
@@ -111,6 +113,16 @@ def test_scenes_for_validation_are_not_trained_on(packed, tmp_path):
     first.unlink()
     train_set, val_set = train.region_sets(both, apart, CONFIG, 0)
     assert len(train_set.indices) + len(val_set.indices) == len(PackedReader(packed))
+
+
+def test_scenes_that_are_packed_otherwise_are_not_validated_on(packed, tmp_path):
+    scene = packed_regions.read(min(packed.glob("*.h5")))
+    for name in ("train", "val"):
+        stamp = make_stamp("pack", {"name": name}, inputs={"frames": "sha256:1"})
+        (tmp_path / name).mkdir()
+        packed_regions.write(tmp_path / name / "scene_0000_kinect.h5", scene, stamp)
+    with pytest.raises(ValueRangeError, match=r"--val is .*val/scene_.*; it must be .*train/scene"):
+        train.region_sets(tmp_path / "train", tmp_path / "val", CONFIG, 0)
 
 
 def test_a_training_does_not_start_from_its_own_output(packed, output):

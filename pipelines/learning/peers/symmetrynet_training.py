@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from pipelines.configs.peers import PeerSchedule
-from pipelines.dataset.training.region_frames import FileRows
+from pipelines.dataset.training.region_frames import FileRows, FrameSets
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
 from pipelines.learning.detector.detector_training import spread
@@ -137,14 +137,16 @@ class SymmetryNetTraining(PeerTraining):
     )
 
     def choose_items(self) -> None:
-        """Number the regions of the frames.
+        """Number the regions of the frames; leave out validation frames without a region.
 
         Raises:
             ValueRangeError: no region has enough visible points.
         """
         self.num_points = SYMMETRYNET_SIZES[self.config.network.variant].num_points
         self.regions = _numbered(self.frames.train)
-        if not self.regions or not _numbered(self.frames.val):
+        val = [key for key in self.frames.val if read_regions(*key)]
+        self.frames = FrameSets(self.frames.train, val)
+        if not self.regions or not val:
             expected = "at least 1 to train on and 1 to validate on"
             raise ValueRangeError("number of regions that are seen well enough", 0, expected)
 

@@ -1,5 +1,7 @@
 """SymmetryNet's regions with their truth, and a training that overfits them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -85,6 +87,18 @@ def test_frames_without_a_region_are_refused(tmp_path):
     write_peer_frames(path, [stored([])], make_stamp("test", {}))
     with pytest.raises(ValueRangeError, match="number of regions"):
         SymmetryNetTraining(FrameSets([(path, 0)], [(path, 0)]), CONFIG, CPU, Processes())
+
+
+def test_frames_without_a_region_are_not_validated_on(arrays, tmp_path):
+    path = tmp_path / "scene_0000.h5"
+    write_peer_frames(path, [stored([]), arrays], make_stamp("test", {}))
+    frames, config = (
+        FrameSets([(path, 1)], [(path, 0), (path, 1)]),
+        replace(CONFIG, max_val_frames=1),
+    )
+    trainee = SymmetryNetTraining(frames, config, CPU, Processes())
+    trainee.module.eval()
+    assert np.isfinite(trainee.validate()["loss"])
 
 
 def true_output(seen):

@@ -74,6 +74,7 @@ def run(
     if paths.overlays is not None:
         refuse_file_as_folder(paths.overlays)
     settings = RunSettings(paths, config, seed, device, timings)
+    settings.warn_of_unused_weights()
     run = InferRun(settings, stated, choice)
     items = run.items(run.find())
     if not options.overwrite:

@@ -59,6 +59,7 @@ def run(
     refuse_foreign_output(paths.output)
     _refuse_impossible(paths, options)
     run = InferRun(RunSettings(paths, config, seed, device, timings), stated, choice)
+    run.settings.warn_of_unused_weights()
     signals = StopSignals()
     # Each frame gets a line instead of progress.
     options = replace(options_for_frames(options, 0, device), progress=False)

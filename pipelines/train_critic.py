@@ -10,6 +10,7 @@ Writes  NAME.safetensors                weights with the name of every feature, 
         NAME.fault.safetensors          the batch, if a loss was not finite
 """
 
+import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
@@ -48,6 +49,8 @@ from pipelines.storage.provenance import (
     refuse_other_suffix,
 )
 
+log = logging.getLogger(__name__)
+
 STAGE = "train-critic"
 
 
@@ -74,6 +77,7 @@ def run(
     _check_roots(roots, held_out)
     start = None if init is None else critic_files.read_point_critic(init, kind.model)
     started, paths = time.monotonic(), paths or ModelPaths()
+    _warn_of_unused_weights(kind, paths)
     weights = weights_used(kind, paths, config.infer)
     items = {
         root: row_items(root, output, kind, config, request.seed, weights)
@@ -118,6 +122,13 @@ def _check_roots(roots: Sequence[Path], held_out: Sequence[Path]) -> None:
 
 def _name(root: Path) -> str:
     return real_path(root).name
+
+
+def _warn_of_unused_weights(kind: CriticKind, paths: ModelPaths) -> None:
+    """Warn of each file of weights that is given and that a critic of `kind` does not need."""
+    for name, path in vars(paths).items():
+        if name not in kind.needs and path != getattr(ModelPaths, name):
+            log.warning("%s is not used to train a critic of %s", path, kind.name)
 
 
 def weights_used(kind: CriticKind, paths: ModelPaths, config: InferConfig) -> dict[str, str]:

@@ -82,6 +82,7 @@ class GraspDetector:
         )
         seed = _whole_number(seed)
         self._run_settings = RunSettings(paths, self.settings, seed, device, timings=False)
+        self._run_settings.warn_of_unused_weights()
         with _argument_names():
             check_config(self.settings)
             self._planner = replace(self._run_settings.planner(), gripper=self.gripper)

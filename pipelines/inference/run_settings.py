@@ -1,5 +1,6 @@
 """Inputs, weights and settings that all frames of a run of `infer` share."""
 
+import logging
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +17,16 @@ from pipelines.inference.peers.registry import frame_method, region_method, writ
 from pipelines.inference.predicted_regions import RegionMethod
 from pipelines.storage.files import existing
 from pipelines.storage.provenance import digest, digest_tree
+
+log = logging.getLogger(__name__)
+
+WEIGHTS_BY = {  # the commands that write the weights
+    "detector": models.DETECTOR_BY,
+    "network": models.NETWORK_BY,
+    "axis_critic": models.AXIS_CRITIC_BY,
+    "plane_critic": models.PLANE_CRITIC_BY,
+    "grasp_critic": models.GRASP_CRITIC_BY,
+}
 
 
 @dataclass(frozen=True)
@@ -90,6 +101,17 @@ class RunSettings:
         return self.config.method in TRAINED_METHODS
 
     @property
+    def uses(self) -> dict[str, bool]:
+        """Whether each model of our own runs, by the field of its weights in `InferPaths`."""
+        return {
+            "detector": self.uses_detector,
+            "network": self.uses_network,
+            "axis_critic": self.uses_symmetry_critics,
+            "plane_critic": self.uses_symmetry_critics,
+            "grasp_critic": self.uses_grasp_critic,
+        }
+
+    @property
     def peer_weights(self) -> Path:
         """The weights of the compared method.
 
@@ -103,18 +125,19 @@ class RunSettings:
 
     def weight_digests(self) -> dict[str, str]:
         """Return the digest of each used file of weights, by model."""
-        paths, fits = self.paths, self.uses_symmetry_critics
-        used = (
-            ("detector", self.uses_detector, paths.detector, models.DETECTOR_BY),
-            ("network", self.uses_network, paths.network, models.NETWORK_BY),
-            ("axis_critic", fits, paths.axis_critic, models.AXIS_CRITIC_BY),
-            ("plane_critic", fits, paths.plane_critic, models.PLANE_CRITIC_BY),
-            ("grasp_critic", self.uses_grasp_critic, paths.grasp_critic, models.GRASP_CRITIC_BY),
-        )
-        wanted = [(name, path, made_by) for name, is_used, path, made_by in used if is_used]
+        used = [name for name, is_used in self.uses.items() if is_used]
+        wanted = [(name, getattr(self.paths, name), WEIGHTS_BY[name]) for name in used]
         if self.uses_peer:
             wanted.append(("peer", self.peer_weights, written_by(self.config.method)))
         return {name: digest(existing(path, made_by)) for name, path, made_by in wanted}
+
+    def warn_of_unused_weights(self) -> None:
+        """Warn of each file of weights that is given and not used."""
+        for name, is_used in self.uses.items():
+            path = getattr(self.paths, name)
+            if not is_used and path != getattr(InferPaths, name):
+                model = name.replace("_", " ")
+                log.warning("%s is not used: with these settings no %s runs", path, model)
 
     def other_digests(self) -> dict[str, str]:
         """Return the digests of the gripper, the user's masks and the workspace, by input."""

@@ -95,6 +95,15 @@ def test_a_critic_does_not_start_from_its_own_output(tmp_path):
         run("axes", [tmp_path, tmp_path], path, init=path)
 
 
+def test_weights_that_a_critic_does_not_need_are_named(caplog, tmp_path):
+    paths = ModelPaths(axis_critic=tmp_path / "a", plane_critic=tmp_path / "p")
+    with pytest.raises(SymgraspError):
+        run("planes", [tmp_path / "x", tmp_path / "y"], tmp_path / "c.safetensors", paths=paths)
+    assert [each.message for each in caplog.records] == [
+        f"{tmp_path / 'p'} is not used to train a critic of planes"
+    ]
+
+
 def test_the_files_are_critics_that_name_their_features(outputs):
     for name in CRITIC_KINDS:
         critic = critic_files.read_point_critic(outputs[name], CRITIC_KINDS[name].model)

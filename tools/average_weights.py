@@ -12,9 +12,12 @@ from typing import Any
 
 import torch
 
+from pipelines.configs import DetectorConfig, NetworkConfig, from_settings
+from pipelines.contents import json_object
 from pipelines.errors import SymgraspError, errors_as_sentences
 from pipelines.storage.checkpoints import load_weights, save_weights
 
+CONFIGS: dict[str, Any] = {"SymmetryGraspNet": NetworkConfig, "RegionDetector": DetectorConfig}
 DESCRIPTION = ("model", "config", "features")  # metadata that networks of one kind share
 
 
@@ -22,10 +25,10 @@ def average_weights(paths: Sequence[Path], out: Path) -> None:
     """Write the mean of the weights of `paths`; numbers of steps are those of the first.
 
     Raises:
-        SymgraspError: the files hold networks of different kinds.
+        SymgraspError: the files hold networks of different kinds, or no network.
     """
     read = [load_weights(path) for path in paths]
-    kinds = [_kind(*each) for each in read]
+    kinds = [_kind(path, *each) for path, each in zip(paths, read, strict=True)]
     for path, kind in zip(paths, kinds, strict=True):
         if kind != kinds[0]:
             raise SymgraspError(f"{path} holds a network of another kind than {paths[0]}")
@@ -35,9 +38,15 @@ def average_weights(paths: Sequence[Path], out: Path) -> None:
     save_weights(out, mean, described)
 
 
-def _kind(tensors: dict[str, torch.Tensor], metadata: dict[str, str]) -> list[Any]:
+def _kind(path: Path, tensors: dict[str, torch.Tensor], metadata: dict[str, str]) -> list[Any]:
+    if "model" not in metadata:
+        raise SymgraspError(f"{path} holds no network; give weights, such as NAME.safetensors")
     shapes = {name: each.shape for name, each in tensors.items()}
-    return [shapes, *(metadata.get(name) for name in DESCRIPTION)]
+    config: Any = metadata.get("config")
+    if config is not None and metadata["model"] in CONFIGS:  # earlier versions name fewer settings
+        settings = json_object(path, config, "config")
+        config = from_settings(CONFIGS[metadata["model"]], settings, f"{path}: ")
+    return [shapes, metadata["model"], config, metadata.get("features")]
 
 
 def _mean(tensors: Sequence[torch.Tensor]) -> torch.Tensor:

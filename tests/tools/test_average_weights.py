@@ -1,11 +1,15 @@
 """The mean of the weights of several networks."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
+from pipelines.configs import NetworkConfig
 from pipelines.errors import SymgraspError
-from pipelines.inference.models import PLANE_CRITIC_WEIGHTS
+from pipelines.inference.models import NETWORK_WEIGHTS, PLANE_CRITIC_WEIGHTS
+from pipelines.network.weights_files import weights_metadata
 from pipelines.storage.checkpoints import load_arrays, load_weights, save_weights
 from tools.average_weights import average_weights
 
@@ -28,6 +32,26 @@ def test_the_mean_of_the_same_weights_is_these_weights(tmp_path):
     mean, before = load_arrays(out)[0], load_arrays(PLANE_CRITIC_WEIGHTS)[0]
     assert mean.keys() == before.keys()
     assert all(np.array_equal(mean[name], before[name]) for name in before)
+
+
+def test_weights_of_an_earlier_version_are_averaged_with_new_ones(tmp_path):
+    tensors, metadata = load_weights(NETWORK_WEIGHTS)
+    assert "sees_camera" not in metadata["config"]
+    further, out = tmp_path / "further.safetensors", tmp_path / "mean.safetensors"
+    save_weights(further, tensors, weights_metadata("SymmetryGraspNet", NetworkConfig()))
+    average_weights([NETWORK_WEIGHTS, further], out)
+    assert load_weights(out)[1]["config"] == metadata["config"]
+    other = replace(NetworkConfig(), sees_camera=True)
+    save_weights(further, tensors, weights_metadata("SymmetryGraspNet", other))
+    with pytest.raises(SymgraspError, match="holds a network of another kind"):
+        average_weights([NETWORK_WEIGHTS, further], out)
+
+
+def test_a_checkpoint_is_refused(tmp_path):
+    path = tmp_path / "n.checkpoint.safetensors"
+    save_weights(path, {"model.x": torch.zeros(1)}, {"progress": "{}"})
+    with pytest.raises(SymgraspError, match=r"n\.checkpoint\.safetensors holds no network"):
+        average_weights([path, path], tmp_path / "mean.safetensors")
 
 
 def test_networks_of_another_kind_are_refused(tmp_path):

@@ -63,6 +63,8 @@ def train(
 
     if packed is None and not endless:
         raise typer.BadParameter("give PACKED, --endless ROOT, or both")
+    if workers > 1 and not endless:
+        raise typer.BadParameter(f"--workers {workers} goes with --endless ROOT")
     share = _rendered_share(config.endless.share, packed, endless)
     config = replace(config, endless=replace(config.endless, share=share))
     report = stage.run(

@@ -84,6 +84,7 @@ def test_two_time_limits_are_wrong_usage():
         ("train . --out n.safetensors --endless-share 0.7", "0.7 goes with --endless ROOT"),
         ("train . --out n.safetensors --set endless.share=0.7", "0.7 goes with --endless ROOT"),
         ("train --endless . --out n.safetensors --endless-share 0.3", "0.3 goes with PACKED"),
+        ("train . --out n.safetensors --workers 2", "--workers 2 goes with --endless ROOT"),
     ],
 )
 def test_an_option_without_effect_is_wrong_usage(command, sentence, tmp_path, monkeypatch):

@@ -95,7 +95,10 @@ class Collector:
                 return self._grasps(frame, rng)
 
     def observed(self, files: FrameFiles) -> ObservedFrame:
-        """Return the regions of one frame in which `infer` seeks grasps."""
+        """Return the regions of one frame in which `infer` seeks grasps at first.
+
+        Pieces of a detection (D. 97) depend on the grasps of a grasp critic, and are left out.
+        """
         image, truth = self.reader.root.read_frame(files), self.reader.read(files)
         detects = self.config.infer.regions != "geometric"
         detector = models.detector(self.paths.detector, "cpu") if detects else None

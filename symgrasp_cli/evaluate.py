@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import EvaluateConfig, EvaluateDumpConfig
+from pipelines.configs.settings import settings_of
 from pipelines.configs.stages import EvaluateSettings, as_config
 from symgrasp_cli.arguments import Batch
 from symgrasp_cli.options import DatasetRoot, Seed, With
@@ -81,6 +82,7 @@ def evaluate(
     refuse_other_suffix(out, ".json")
     needs_grasps = bool(with_) or baselines or bool(success) or bool(table)
     _refuse_mixtures(grasps, protocol, config.graspnet, needs_grasps=needs_grasps)
+    _refuse_settings_without_effect(config, protocol)
     if protocol == "graspnet":
         from pipelines import evaluate_dump
 
@@ -129,4 +131,19 @@ def _refuse_mixtures(
     if protocol != "graspnet" and of_dumps.frame_stride > 1:
         raise typer.BadParameter(
             "--frame-stride goes with --protocol graspnet; a grasps.h5 names its frames itself"
+        )
+
+
+def _refuse_settings_without_effect(config: EvaluateSettings, protocol: str) -> None:
+    """Refuse changed settings that the other protocol uses: wrong usage, exit code 2."""
+    is_dump = protocol == "graspnet"
+    unused = [
+        each.name
+        for each in settings_of(config)
+        if each.value != each.default and each.name.startswith("graspnet.") != is_dump
+    ]
+    if unused:
+        raise typer.BadParameter(
+            f"the setting{'s' if unused[1:] else ''} {', '.join(unused)}: no effect with "
+            f"--protocol {protocol}; give only settings of this protocol"
         )

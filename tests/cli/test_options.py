@@ -85,6 +85,18 @@ def test_two_time_limits_are_wrong_usage():
         ("train . --out n.safetensors --set endless.share=0.7", "0.7 goes with --endless ROOT"),
         ("train --endless . --out n.safetensors --endless-share 0.3", "0.3 goes with PACKED"),
         ("train . --out n.safetensors --workers 2", "--workers 2 goes with --endless ROOT"),
+        (
+            "evaluate . --dataset . --protocol graspnet --unit frame --gripper rg2",
+            "the settings gripper, unit: no effect with --protocol graspnet",
+        ),
+        (
+            "evaluate . --dataset . --protocol graspnet --min-visible-pixels 9",
+            "the setting min_visible_pixels: no effect with --protocol graspnet",
+        ),
+        (
+            "evaluate x.safetensors --dataset . --set graspnet.clip_width=0.05",
+            "the setting graspnet.clip_width: no effect with --protocol symgrasp",
+        ),
     ],
 )
 def test_an_option_without_effect_is_wrong_usage(command, sentence, tmp_path, monkeypatch):

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 from pipelines.configs.inference import TRAINED_METHODS
@@ -137,20 +138,21 @@ def _refuse_misnamed(path: Path) -> None:
 def _scenes(paths: Mapping[str, Path], root: GraspNetRoot) -> dict[SceneFiles, RowPlaces]:
     """Return the places of the frames of each scene, by row; errors as in `ComparedRuns.of`."""
     found: dict[SceneFiles, RowPlaces] = {}
-    expected: dict[SceneFiles, list[str]] = {}
+    ours: dict[SceneFiles, list[str]] = {}
     for row, path in paths.items():
         index = read_index(path)
         names = index.dataset_names(path)
         scenes = places_by_scene(path, index, root)
+        theirs = {scene: [names[place] for place in each] for scene, each in scenes.items()}
         if row == OURS:
-            found = {scene: {} for scene in scenes}
-            _refuse_doubles(path, [names[place] for each in scenes.values() for place in each])
+            found, ours = {scene: {} for scene in scenes}, theirs
+            _refuse_doubles(path, list(chain.from_iterable(theirs.values())))
+        for scene in {**ours, **theirs}:
+            there, expected = theirs.get(scene, []), ours.get(scene, [])
+            if there != expected:
+                raise FormatError(path, _difference(there, expected), "run infer on all")
         for scene, rows in found.items():
-            places = scenes.get(scene, [])
-            there = [names[place] for place in places]
-            if there != expected.setdefault(scene, there):
-                raise FormatError(path, _difference(there, expected[scene]), "run infer on all")
-            rows[row] = path, places
+            rows[row] = path, scenes[scene]
     return found
 
 

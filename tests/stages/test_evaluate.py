@@ -660,6 +660,10 @@ def test_other_grasps_of_other_frames_or_with_a_taken_name_are_refused(root, tru
     write_grasps(fewer, [true_result(root, name) for name in frame_names()[1:]])
     with pytest.raises(FormatError, match="lacks 1 of our frames, for example"):
         run(truth_file, root, tmp_path / "report.json", others=[fewer])
+    ours = tmp_path / "ours.h5"
+    write_grasps(ours, [true_result(root, name) for name in frame_names()[:2]])
+    with pytest.raises(FormatError, match=r"has frames that ours lacks, for example .*scene_0160"):
+        run(ours, root, tmp_path / "report.json", others=[truth_file])
     taken = tmp_path / "oracle.h5"
     shutil.copy(truth_file, taken)
     with pytest.raises(ValueRangeError, match="oracle is the name of another row"):

@@ -78,9 +78,13 @@ class GraspsIndex:
         The frames of `infer ROOT/scenes/scene_0100` have shorter names; the recorded folder gives
         the missing part. Names that do not have GraspNet's layout stay.
         """
+        folder = self.frames_folder(path).as_posix()
+        return [_dataset_name(folder, name) for name in self.names]
+
+    def frames_folder(self, path: Path) -> Path:
+        """Return the folder that `infer` read the frames of the file at `path` from."""
         frames = mapping_in(self.stamp, "recorded").get("frames", "")
-        folder = os.path.normpath(real_path(path).parent / str(frames))
-        return [_dataset_name(Path(folder).as_posix(), name) for name in self.names]
+        return Path(os.path.normpath(real_path(path).parent / str(frames)))
 
 
 def _dataset_name(folder: str, name: str) -> str:

@@ -655,6 +655,24 @@ def test_grasps_in_images_of_another_camera_are_refused_in_a_sentence(root, trut
         assert all(words in sentence for sentence in report.failed.values())
 
 
+def test_a_dataset_with_other_scenes_of_the_same_numbers_is_refused(root, tmp_path):
+    path, output = tmp_path / "root0" / "grasps.h5", tmp_path / "report.json"
+    first, other = (Path(shutil.copytree(root.root, tmp_path / f"root{i}")) for i in range(2))
+    stamp = replace(make_stamp("infer", {"gripper": "rg2"}), recorded={"frames": "."})
+    grasps_file.write(path, [true_result(root, name) for name in frame_names()], stamp)
+    scene = other / "scenes/scene_0160/realsense"
+    for file in ("annotations/0000.xml", "depth/0000.png"):  # better poses alone are no other scene
+        assert run(path, GraspNetRoot(other), output, dry_run=True).exit_code == 0
+        (scene / file).write_bytes((scene / file).read_bytes() + b" ")
+    with pytest.raises(FormatError, match=r"scene_0160/realsense/0000 was read from .*root0, and"):
+        run(path, GraspNetRoot(other), output)
+    assert run(path, GraspNetRoot(first), output, dry_run=True).exit_code == 0
+    moved = Path(shutil.move(path, tmp_path / "grasps.h5"))  # its frames are no longer found
+    write_grasps(path, [true_result(root, name) for name in frame_names()])  # without their folder
+    for grasps in (moved, path):
+        assert run(grasps, GraspNetRoot(other), output, dry_run=True).exit_code == 0
+
+
 def test_other_grasps_of_other_frames_or_with_a_taken_name_are_refused(root, truth_file, tmp_path):
     fewer = tmp_path / "second.h5"
     write_grasps(fewer, [true_result(root, name) for name in frame_names()[1:]])

@@ -16,7 +16,7 @@ from typing import Any
 
 from pipelines.configs import CompareConfig, check_settings
 from pipelines.contents import mapping_in
-from pipelines.errors import SymgraspError
+from pipelines.errors import SymgraspError, printable
 from pipelines.evaluation.bootstrap_units import VIEWS_NOTE, bootstrap_units
 from pipelines.evaluation.figures import TEST_SPLITS
 from pipelines.evaluation.pages.report_page import TEMPLATES
@@ -158,7 +158,7 @@ def tables(comparison: Comparison) -> list[Table]:
 
 
 def run_names(reports: Sequence[Path]) -> list[str]:
-    """Return short, distinct names of `reports`, without the parts that all paths end with.
+    """Return short, printable, distinct names of `reports`, without the end that all paths share.
 
     Raises:
         SymgraspError: a report is given twice.
@@ -172,7 +172,7 @@ def run_names(reports: Sequence[Path]) -> list[str]:
     length = 1
     while len({each[: len(each) - end][-length:] for each in parts}) < len(parts):
         length += 1
-    return ["/".join(each[: len(each) - end][-length:]) for each in parts]
+    return [printable("/".join(each[: len(each) - end][-length:])) for each in parts]
 
 
 def _frame_notes(runs: Sequence[EvaluatedRun], paired: int) -> list[str]:
@@ -257,7 +257,7 @@ def _write(
         }
     runs = zip(found.runs, reports, strict=True)
     content = {
-        "runs": [{"name": name, "report": str(path)} for name, path in runs],
+        "runs": [{"name": name, "report": printable(str(path))} for name, path in runs],
         "row": found.config.row,
         "notes": found.notes,
         "figures": figures,

@@ -19,6 +19,7 @@ from typing import Any
 from pipelines.configs import EvaluateDumpConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_layout import SPLITS, scene_name
+from pipelines.errors import printable
 from pipelines.evaluation import reports
 from pipelines.evaluation.graspnet.dump_verdicts import (
     DUMP_STATUSES,
@@ -64,7 +65,8 @@ def run(
         reports.write_report(
             output, tally.rows(), stamp, protocol=PROTOCOL, exact=config.exact, **more
         )
-        page = dump_page(reports.read_report(output), real_path(dump).name, report.failed)
+        name = printable(real_path(dump).name)
+        page = dump_page(reports.read_report(output), name, report.failed)
         write_text(output.with_suffix(".html"), page)
     return report
 
@@ -126,7 +128,8 @@ def _tally(items: Sequence[WorkItem], report: StageReport) -> DumpTally:
         tally.add(item.name, scene.camera, scene.scene_id, verdicts)
         faults = verdicts["message"][verdicts["message"] != ""].tolist()
         if faults:
-            report.failed[item.name] = _sentence(faults, verdicts["status"].tolist())
+            sentence = _sentence(faults, verdicts["status"].tolist())
+            report.failed[item.name] = printable(sentence)
     return tally
 
 

@@ -10,7 +10,7 @@ from pipelines.configs.inference import TRAINED_METHODS
 from pipelines.contents import mapping_in
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
-from pipelines.errors import FormatError, SymgraspError, ValueRangeError
+from pipelines.errors import FormatError, SymgraspError, ValueRangeError, printable
 from pipelines.evaluation.predictions import FramePredictions
 from pipelines.evaluation.reports import WITH
 from pipelines.evaluation.rows import (
@@ -42,7 +42,7 @@ class ComparedRuns:
 
     root: GraspNetRoot
     index: GraspsIndex  # of our `grasps.h5`
-    paths: Mapping[str, Path]  # row -> grasps.h5; the row of another file has the file's name
+    paths: Mapping[str, Path]  # row -> grasps.h5; another file's row has its printable name
     scenes: Mapping[SceneFiles, RowPlaces]  # places of the frames of each scene, by row
 
     @classmethod
@@ -57,11 +57,12 @@ class ComparedRuns:
         root, index = GraspNetRoot.finished(dataset), read_index(grasps)
         paths = {OURS: grasps}
         for path in others:
-            if path.stem in (*paths, *BASELINE_ROWS):
-                expected = f"another file name: {path.stem} is the name of another row"
+            row = printable(path.stem)
+            if row in (*paths, *BASELINE_ROWS):
+                expected = f"another file name: {row} is the name of another row"
                 raise ValueRangeError("--with", path, expected)
             _refuse_misnamed(path)
-            paths[path.stem] = path
+            paths[row] = path
         return cls(root, index, paths, _scenes(paths, root))
 
     def gripper(self, wanted: str) -> str:

@@ -1,6 +1,7 @@
 """`compare` on runs whose differences are known."""
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 from zlib import crc32
@@ -284,6 +285,15 @@ def test_names_are_the_shortest_that_distinguish_runs():
     assert names("x/a/1.json", "y/a/1.json") == ["x", "y"]
     assert names("a/1.json", "a/2.json", "b/1.json") == ["a/1", "a/2", "b/1"]
     assert names("report.json", "b/report.json") == ["runs", "b"]
+
+
+def test_a_name_that_is_not_utf8_is_printed_as_in_a_url(tmp_path):
+    odd = tmp_path / os.fsdecode(b"b\xff")
+    paths = [write_run(tmp_path / "a"), write_run(tmp_path / "b", better=0.1).parent.rename(odd)]
+    paths[1] /= "report.json"
+    for suffix in (".html", ".json"):
+        compare.run(paths, CONFIG, tmp_path / f"c{suffix}")
+        assert "b%FF" in (tmp_path / f"c{suffix}").read_text(encoding="utf-8")
 
 
 def test_tables_have_a_cell_for_every_head(tmp_path):

@@ -655,6 +655,17 @@ def test_grasps_in_images_of_another_camera_are_refused_in_a_sentence(root, trut
         assert all(words in sentence for sentence in report.failed.values())
 
 
+def test_a_row_of_a_file_whose_name_is_not_utf8_has_a_printable_name(root, tmp_path):
+    name, other = frame_names()[0], tmp_path / os.fsdecode(b"<b>\xff.h5")
+    write_grasps(tmp_path / "grasps.h5", [true_result(root, name, (0,))])
+    shutil.copy(tmp_path / "grasps.h5", other)
+    run(tmp_path / "grasps.h5", root, tmp_path / "report.json", others=[other])
+    assert figures(tmp_path / "report.json", "<b>%FF")["objects"] == 3
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "&lt;b&gt;%FF" in page
+    assert "<b>%FF" not in page
+
+
 def test_a_dataset_with_other_scenes_of_the_same_numbers_is_refused(root, tmp_path):
     path, output = tmp_path / "root0" / "grasps.h5", tmp_path / "report.json"
     first, other = (Path(shutil.copytree(root.root, tmp_path / f"root{i}")) for i in range(2))

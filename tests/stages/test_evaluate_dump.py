@@ -1,5 +1,6 @@
 """`evaluate --protocol graspnet` against graspnetAPI, and on dumps that break graspnetAPI."""
 
+import os
 import shutil
 from pathlib import Path
 
@@ -144,6 +145,15 @@ def test_a_missing_frame_is_named_and_counts_as_a_frame_without_grasps(root, dum
     found = figures(tmp_path / "r.json", "seen")
     assert (found["frames"], found["frames_absent"]) == (2, 1)
     assert found["ap"] == pytest.approx(found["ap_present"] / 2.0)
+
+
+def test_a_dump_whose_name_is_not_utf8_has_a_page(root, dump, tmp_path):
+    odd = dump.rename(tmp_path / os.fsdecode(b"<b>\xff"))
+    for index in (0, 1):
+        frame_file(odd, 100, index).unlink()
+    report = run(odd, root, tmp_path / "r.json")
+    assert "<b>%FF" in report.failed["scene_0100_realsense"]
+    assert (tmp_path / "r.html").read_text(encoding="utf-8").count("&lt;b&gt;%FF") >= 2
 
 
 def test_a_frame_without_images_and_grasps_does_not_count_until_it_has_one(root, dump, tmp_path):

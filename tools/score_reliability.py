@@ -69,12 +69,14 @@ def tried_grasps(
     owners = assign_regions(masks, truth, rules).object_id
     pieces, T_table_cam = PiecesReader(root, NO_CACHE), truth.scene.T_table_cam
     objects = {i: pieces.read(i) for i in truth.scene.poses}
-    poses = at_rest(objects, {i: T_table_cam @ pose for i, pose in truth.scene.poses.items()})
+    given = {i: T_table_cam @ pose for i, pose in truth.scene.poses.items()}
+    around = [each.mesh for each in truth.scene.surroundings]
+    poses = at_rest(objects, given, around)
     table = result.grasps
     for row in chosen_rows(table, owners, np.random.default_rng(0)):
         grasp = GraspPoses(table.rotation[row], table.translation[row], table.width[row])
         target, placed = owners[int(table.region[row])], grasp.transformed(T_table_cam)
-        trial = Trial.of(objects, poses, target, placed, gripper, config)
+        trial = Trial.of(objects, poses, target, placed, gripper, config, around)
         held = trial.run(friction).reason == HELD
         yield TriedGrasp(files.scene_id, float(table.rank_score[row]), held)
 

@@ -27,6 +27,7 @@ from pipelines.dataset.meshes import read_solid_mesh
 from pipelines.evaluation.other_runs import ComparedRuns, frames_by_row
 from pipelines.evaluation.tables import Table
 from pipelines.evaluation.trial_records import read_trials, trials_folder, write_trials
+from pipelines.frames.graspnet_scene import annotated_ids
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
@@ -72,11 +73,12 @@ def run(
     scenes, reader = runs.scenes, PiecesReader(runs.root, pieces_folder(output))
     config = replace(config, gripper=runs.gripper(config.gripper))
     inputs = runs.inputs(config.gripper, baselines=baselines)
-    inputs["pieces"] = _digest_of_pieces(scenes, reader)
+    object_ids = _object_ids(scenes)
+    inputs["pieces"] = _digest_of_pieces(object_ids, reader)
     settings = {**asdict(config), "baselines": baselines}
     stamp = make_stamp("simulate", settings, seed=seed, inputs=inputs)
     is_finished(output, stamp, overwrite=options.overwrite)  # raises if it is stale
-    models = _model_items(scenes, reader, config, seed)
+    models = _model_items(object_ids, reader, config, seed)
     drop_stale(models, options)
     report = StageReport("simulate")
     report.add(run_batch("simulate models", models, functools.partial(_cut_model, config), options))
@@ -102,14 +104,14 @@ def pieces_folder(output: Path) -> Path:
 
 
 def _model_items(
-    scenes: Iterable[SceneFiles], reader: PiecesReader, config: SimulateConfig, seed: int
+    object_ids: Iterable[int], reader: PiecesReader, config: SimulateConfig, seed: int
 ) -> list[WorkItem]:
-    """Return one item for every object of the scenes that has no convex pieces in the dataset."""
+    """Return one item for every object that has no convex pieces in the dataset."""
     settings = {
         name: getattr(config, name) for name in ("convex_enough", "concavity", "max_pieces")
     }
     items = []
-    for object_id in _object_ids(scenes):
+    for object_id in object_ids:
         model, target = reader.source(object_id), reader.path(object_id)
         if model != target and model.is_file():
             inputs = {"mesh": digest(model)}
@@ -149,12 +151,15 @@ def _simulate_scene(
     return f"objects moved by up to {1000 * farthest:.0f} mm until they rested: check the poses"
 
 
-def _digest_of_pieces(scenes: Iterable[SceneFiles], reader: PiecesReader) -> str:
+def _digest_of_pieces(object_ids: Iterable[int], reader: PiecesReader) -> str:
     """Return the digest of the models' convex pieces, or of the meshes to be cut."""
-    sources = [path for path in map(reader.source, _object_ids(scenes)) if path.is_file()]
+    sources = [path for path in map(reader.source, object_ids) if path.is_file()]
     home = reader.root.root
     return digest_text("".join(f"{p.relative_to(home)} {digest(p)}\n" for p in sources))
 
 
 def _object_ids(scenes: Iterable[SceneFiles]) -> list[int]:
-    return sorted({object_id for scene in scenes for object_id in scene.object_ids})
+    """Return the ids of the objects with a pose in `scenes`, as `evaluate` has them, ascending."""
+    return sorted(
+        {i for scene in scenes for i in annotated_ids(scene.camera_folder / "annotations")}
+    )

@@ -11,6 +11,7 @@ from pipelines.configs import EvaluateConfig, SimulateConfig
 from pipelines.dataset import convex_pieces
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.training.coco_instances import kind_of
+from pipelines.errors import SymgraspError
 from pipelines.evaluation.baselines import Baselines, rows_of
 from pipelines.evaluation.frame_scores import RegionRow, best_region
 from pipelines.evaluation.predictions import FramePredictions
@@ -44,9 +45,20 @@ class PiecesReader:
         return source if source.suffix == ".npz" else self.cache / f"{object_id:03d}.npz"
 
     def read(self, object_id: int) -> Pieces:
-        """Return the pieces of an object, object frame."""
+        """Return the pieces of an object, object frame.
+
+        Raises:
+            SymgraspError: there are none, because the mesh could not be cut.
+        """
         if object_id not in self._pieces:
-            self._pieces[object_id] = convex_pieces.read(self.path(object_id))
+            path = self.path(object_id)
+            if not path.is_file():
+                mesh = self.root.model_path(object_id)
+                raise SymgraspError(
+                    f"object {object_id:03d} has no convex pieces, because {mesh} is not cut; give "
+                    "a mesh of a closed surface"
+                )
+            self._pieces[object_id] = convex_pieces.read(path)
         return self._pieces[object_id]
 
 

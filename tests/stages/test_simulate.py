@@ -17,6 +17,8 @@ from pipelines.configs import EvaluateConfig, SimulateConfig
 from pipelines.dataset import convex_pieces
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot, write_label
 from pipelines.dataset.meshes import read_mesh, write_mesh
+from pipelines.dataset.symmetry import symmetry_labels
+from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries
 from pipelines.errors import FormatError, StaleOutputError, SymgraspError, UnknownNameError
 from pipelines.evaluation.rows import BASELINE_ROWS
 from pipelines.evaluation.trial_records import read_trials
@@ -33,6 +35,7 @@ from tests.stages.toy_root import (
     CAMERA,
     DOWN,
     SCENES,
+    STAMP,
     camera_in_table,
     frame_names,
     grasp_table,
@@ -401,6 +404,23 @@ def test_a_scene_with_a_damaged_label_fails_alone(tmp_path):
     report = run(tmp_path / "g.h5", root, tmp_path / "success.json")
     assert list(report.failed) == ["scene_0100_realsense"]
     assert read_json(tmp_path / "success.json")["success"]["all"]["all"]["0.5"]["held"] == 6
+
+
+def test_objects_are_those_with_a_pose_and_one_that_cannot_be_cut_is_named(root, tmp_path):
+    own = GraspNetRoot(Path(shutil.copytree(root.root, tmp_path / "root")))
+    for scene in SCENES:  # the lists of objects are incomplete or missing
+        (own.scene_folder(scene) / "object_id_list.txt").write_text("0\n")
+    (own.scene_folder(SCENES[1]) / "object_id_list.txt").unlink()
+    write_grasps(tmp_path / "g.h5", [FrameResult(name, "empty") for name in frame_names()])
+    report = run(tmp_path / "g.h5", own, tmp_path / "success.json")
+    assert (report.exit_code, len(report.done)) == (0, len(KINDS) + len(SCENES))
+    flat = read_mesh(own.model_path(1))
+    flat = replace(flat, vertices=flat.vertices[:3], faces=np.array([[0, 1, 2]]))
+    write_mesh(own.model_path(1), flat)
+    symmetry_labels.write(own.symmetry_path(1), ObjectSymmetries("001", (), ()), STAMP)
+    report = run(tmp_path / "g.h5", own, tmp_path / "other.json")
+    assert set(report.failed) == {"model 001", *(f"scene_{s:04d}_realsense" for s in SCENES)}
+    assert "object 001 has no convex pieces" in report.failed["scene_0100_realsense"]
 
 
 def test_objects_that_move_far_until_they_rest_give_a_note(tmp_path):

@@ -9,19 +9,18 @@ difference to the first run is a paired bootstrap over scenes with all their fra
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from pipelines.configs import CompareConfig, check_settings
-from pipelines.contents import mapping_in
 from pipelines.errors import SymgraspError, printable
 from pipelines.evaluation.bootstrap_units import VIEWS_NOTE, bootstrap_units
+from pipelines.evaluation.comparison_notes import frame_notes, setting_notes
 from pipelines.evaluation.figures import TEST_SPLITS
 from pipelines.evaluation.pages.report_page import TEMPLATES
 from pipelines.evaluation.paired_runs import EvaluatedRun, paired_frames
-from pipelines.evaluation.reports import WITH
 from pipelines.evaluation.run_readers import DEFAULT_ROW, compared_folders, friction_of, read_run
 from pipelines.evaluation.tables import Table
 from pipelines.evaluation.tallies import ALL
@@ -32,12 +31,6 @@ from pipelines.storage import provenance
 from pipelines.storage.files import finite_json, write_json, write_text
 
 FORMAT_VERSION = 1
-JUDGED = {"grasps", "dump"}  # inputs that are evaluated, not labels to evaluate on
-# None of these affects our own row; `hands` is the name of the grasp critic's digest in 0.1.
-FOR_BASELINES = ("baselines", "seed", "affordance", "grasp_critic", "hands")
-# Labels that `evaluate --exact` takes from other files, so that their digests differ anyway.
-TAKEN_BY_EXACT = {"meshes", "poses"}
-SEEDED = ("simulate",)  # stages where the seed affects all rows: it cuts models into pieces
 METRIC_NAMES = {
     "grasp_quality": "grasp quality",
     "antipodal_score": "antipodal, pair",
@@ -107,7 +100,7 @@ def compared(runs: Sequence[EvaluatedRun], config: CompareConfig, seed: int) -> 
         SymgraspError: runs that cannot be paired, or without a figure.
     """
     paired = set(paired_frames(runs))
-    notes = [*_frame_notes(runs, len(paired)), *_setting_notes(runs, config.row)]
+    notes = [*frame_notes(runs, len(paired)), *setting_notes(runs, config.row)]
     figures = []
     for metric in _shared_metrics(runs):
         for split in (ALL, "train", *TEST_SPLITS):
@@ -173,60 +166,6 @@ def run_names(reports: Sequence[Path]) -> list[str]:
     while len({each[: len(each) - end][-length:] for each in parts}) < len(parts):
         length += 1
     return [printable("/".join(each[: len(each) - end][-length:])) for each in parts]
-
-
-def _frame_notes(runs: Sequence[EvaluatedRun], paired: int) -> list[str]:
-    notes = [f"{paired} frames are in all {len(runs)} runs and are compared."]
-    return notes + [
-        f"{len(run.frames) - paired} of the {len(run.frames)} frames of {run.name} are not in "
-        "every run and are left out."
-        for run in runs
-        if len(run.frames) > paired
-    ]
-
-
-def _setting_notes(runs: Sequence[EvaluatedRun], row: str) -> list[str]:
-    """Return a sentence for each difference in settings or labels to the first run."""
-    settings, labels = zip(*(_provenance(run, row) for run in runs), strict=True)
-    notes = []
-    for place, run in enumerate(runs[1:], 1):
-        unequal = _differing(settings[0], settings[place])
-        changed = [
-            f"{name} {settings[place].get(name)} instead of {settings[0].get(name)}"
-            for name in unequal
-        ]
-        if changed:
-            notes.append(f"{run.name} was evaluated with other settings: {', '.join(changed)}.")
-        other = _differing(labels[0], labels[place])
-        if not JUDGED.intersection(other):
-            notes.append(f"{run.name} evaluates the same grasps as {runs[0].name}.")
-        if "gripper" in other:
-            notes.append(f"{run.name} was evaluated with another gripper.")
-        unknown = TAKEN_BY_EXACT if "exact" in unequal else set()
-        if other := [name for name in other if _is_label(name) and name not in unknown]:
-            notes.append(f"{run.name} was evaluated on other labels: {', '.join(other)}.")
-    return notes
-
-
-def _is_label(name: str) -> bool:
-    """Return whether an input of an evaluation is its truth, not grasps or a gripper."""
-    return name not in {*JUDGED, "gripper"} and not name.startswith(WITH)
-
-
-def _provenance(run: EvaluatedRun, row: str) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the settings and the digests of inputs of `row` of a report."""
-    stamp = mapping_in(run.report, "provenance")
-    unused = set(FOR_BASELINES if row == DEFAULT_ROW else ())
-    unused -= {"seed"} if stamp.get("stage") in SEEDED else set()
-    settings = {**mapping_in(stamp, "config"), "seed": stamp.get("seed")}
-    settings["version"] = stamp.get("version")
-    groups = (settings, mapping_in(stamp, "inputs"))
-    used = [{name: value for name, value in g.items() if name not in unused} for g in groups]
-    return used[0], used[1]
-
-
-def _differing(first: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
-    return [name for name in sorted({*first, *other}) if first.get(name) != other.get(name)]
 
 
 def _digests(reports: Sequence[Path]) -> dict[str, str]:

@@ -84,6 +84,7 @@ def write_run(folder: Path, better: float = 0.0, seed: int = 0, frames: int = 5,
     path = folder / "report.json"
     settings = EvaluateConfig(gripper=options.get("gripper", "rg2"))
     inputs = {"grasps": f"sha256:{folder.name}", "symmetry": options.get("labels", "a")}
+    inputs["scenes"] = options.get("scenes", "a")
     inputs |= {f"with {row}": "sha256:0" for row in options.get("others", [])}
     stamp = make_stamp("evaluate", settings, inputs=inputs)
     records = []
@@ -164,6 +165,15 @@ def test_other_settings_and_labels_are_reported(tmp_path):
     notes = " ".join(compare.run(paths, CONFIG).notes)
     assert "other settings: gripper franka instead of rg2" in notes
     assert "other labels: symmetry" in notes
+
+
+def test_labels_of_runs_with_other_scenes_are_not_said_to_differ(tmp_path):
+    paths = [write_run(tmp_path / "a"), write_run(tmp_path / "b", scenes="b")]
+    assert "b was evaluated on other labels: scenes." in compare.run(paths, CONFIG).notes
+    (records_folder(paths[1]) / f"{min(SCENES)}.json").unlink()
+    notes = compare.run(paths, CONFIG).notes
+    assert not any("evaluated on other labels" in note for note in notes)
+    assert notes[-1].startswith("b has other scenes than a, so whether labels of common scenes are")
 
 
 def test_further_rows_of_a_report_are_no_other_labels(tmp_path):

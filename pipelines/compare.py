@@ -80,10 +80,13 @@ def run(
 
     Raises:
         SymgraspError: runs that cannot be paired.
+        ValueRangeError: `output` is one of `reports`.
     """
     check_settings(config)
     stamp = provenance.make_stamp("compare", config, seed=seed, inputs=_digests(reports))
-    if output is not None:  # refuses to replace another comparison
+    if output is not None:
+        provenance.refuse_own_input(output, reports)
+        # refuses to replace another comparison
         provenance.is_finished(output, stamp, overwrite=overwrite)
     names = run_names(reports)
     runs = [read_run(path, name, config.row) for path, name in zip(reports, names, strict=True)]

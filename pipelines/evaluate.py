@@ -42,7 +42,7 @@ from pipelines.evaluation.truth import TruthReader
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
-from pipelines.storage.provenance import is_finished, make_stamp
+from pipelines.storage.provenance import is_finished, make_stamp, refuse_own_input
 
 
 @one_run_at_a_time("evaluate", "output")
@@ -68,6 +68,7 @@ def run(
     choice of objects.
     `tables`: JSON files of further tables, shown unchanged. `unit`: of the intervals.
     """
+    refuse_own_input(output, [*success, *tables])
     runs = ComparedRuns.of(grasps, others, dataset)
     config = replace(config, gripper=runs.gripper(config.gripper))
     depth = load_gripper(config.gripper).graspnet_depth

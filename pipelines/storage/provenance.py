@@ -6,7 +6,7 @@ import html
 import json
 import logging
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
@@ -16,7 +16,7 @@ import h5py
 
 from pipelines.contents import json_object
 from pipelines.errors import FormatError, StaleOutputError, SymgraspError, ValueRangeError
-from pipelines.storage.files import make_folder, open_safetensors, read_json, write_json
+from pipelines.storage.files import make_folder, open_safetensors, read_json, real_path, write_json
 from pipelines.storage.h5_columns import attribute
 from pipelines.storage.h5_files import open_h5
 
@@ -155,6 +155,12 @@ def refuse_other_suffix(output: Path, suffix: str) -> None:
     """
     if output.suffix != suffix:
         raise ValueRangeError("--out", output, f"a file name that ends in {suffix}")
+
+
+def refuse_own_input(output: Path, inputs: Iterable[Path]) -> None:
+    """Raise ValueRangeError if `--out` is one of `inputs`, which --overwrite would destroy."""
+    if real_path(output) in {real_path(each) for each in inputs}:
+        raise ValueRangeError("--out", output, "another file than the files that are read")
 
 
 def read_stamp(target: Path) -> dict[str, Any] | None:

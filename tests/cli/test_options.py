@@ -108,6 +108,26 @@ def test_an_option_without_effect_is_wrong_usage(command, sentence, tmp_path, mo
     assert [path.name for path in tmp_path.iterdir()] == ["x.safetensors"]
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        "compare a.json b.json --out b.json",
+        "compare a.json b.json --out link.json",
+        "evaluate g.h5 --dataset . --out a.json --success a.json",
+        "evaluate g.h5 --dataset . --out a.json --table a.json",
+    ],
+)
+def test_an_output_that_is_an_input_is_refused_even_with_overwrite(command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("a.json", "b.json", "g.h5"):
+        (tmp_path / name).write_text("{}")
+    (tmp_path / "link.json").symlink_to("b.json")
+    result = CliRunner().invoke(app, [*command.split(), "--overwrite"])
+    assert result.exit_code == 2
+    assert "another file than the files that are read" in " ".join(result.stderr.split())
+    assert (tmp_path / "a.json").read_text() == (tmp_path / "b.json").read_text() == "{}"
+
+
 @pytest.mark.parametrize("number", ["inf", "nan", "1e300", "-1"])
 @pytest.mark.parametrize(
     ("command", "sentence"),

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import SimulateConfig
+from pipelines.configs.settings import settings_of
 from symgrasp_cli.arguments import Batch
 from symgrasp_cli.options import DatasetRoot, Seed, With
 from symgrasp_cli.report import conclude
@@ -47,6 +48,15 @@ def simulate(
     report = stage.run(
         grasps, dataset, out, config, options, others=with_ or (), baselines=baselines, seed=seed
     )
-    then = ("evaluate", grasps, "--dataset", dataset, "--success", out)
+    then = ("evaluate", grasps, "--dataset", dataset, *shared_options(config), "--success", out)
     written = not options.dry_run and out.exists() and bool(report.done or report.skipped)
     conclude(report, out, then=then, tables=stage.tables(out) if written else ())
+
+
+def shared_options(config: SimulateConfig) -> tuple[str, ...]:
+    """Return the options that `evaluate` must have too, or it refuses the rates."""
+    from pipelines.evaluation.reports import WHICH_OBJECTS
+
+    names = ("gripper", *WHICH_OBJECTS)
+    changed = [s for s in settings_of(config) if s.name in names and s.value != s.default]
+    return tuple(word for each in changed for word in ("--set", f"{each.name}={each.value}"))

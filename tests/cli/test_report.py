@@ -7,10 +7,12 @@ import typer
 from typer.testing import CliRunner
 
 from pipelines import refine_grasps
+from pipelines.configs import SimulateConfig
 from pipelines.evaluation.tables import Table
 from pipelines.runtime.batch import StageReport
 from symgrasp_cli.app import app
 from symgrasp_cli.report import ReportStyle, conclude, reporting_in, show_table
+from symgrasp_cli.simulate import shared_options
 
 HEADER = ("method", "mu", "split", "reflection", "rotation", "sphere", "none", "all")
 RATES = ("66 (58-72)", "73 (67-79)", "100 (76-100)", "75 (55-88)", "71 (66-75)")
@@ -66,6 +68,13 @@ def test_pack_is_next_after_labels_only_where_there_are_scenes(tmp_path, monkeyp
     monkeypatch.setattr(refine_grasps, "run", lambda *_, **__: report)
     result = CliRunner().invoke(app, ["refine-grasps", str(tmp_path)])
     assert ("next: symgrasp pack" in result.stderr) == has_scenes
+
+
+def test_evaluate_is_next_after_trials_with_the_settings_that_decide_on_their_objects():
+    assert shared_options(SimulateConfig(frictions=(0.5,))) == ()
+    config = SimulateConfig(min_visible_pixels=100, min_region_share=0.4, gripper="franka")
+    chosen = ["min_visible_pixels=100", "min_region_share=0.4", "gripper=franka"]
+    assert [*shared_options(config)] == [word for each in chosen for word in ("--set", each)]
 
 
 def test_no_next_command_is_named_where_nothing_is_finished(capsys, tmp_path):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pipelines.contents import mapping_in, reading
-from pipelines.dataset.graspnet.graspnet_layout import split_of_scene
+from pipelines.dataset.graspnet.graspnet_layout import split_or_none
 from pipelines.errors import FormatError, MissingInputError, UnknownNameError
 from pipelines.evaluation import reports
 from pipelines.evaluation.graspnet.dump_verdicts import read_dump_verdicts, scenes_folder
@@ -165,7 +165,7 @@ def _read_dump(run: EvaluatedRun, path: Path, scenes: list[Path], camera: str) -
         if camera not in ("", seen_by):
             continue
         with reading(path_of_scene, "the record of a scene", "run evaluate again"):
-            found, split = read_dump_verdicts(path_of_scene), split_of_scene(int(scene[-4:]))
+            found, split = read_dump_verdicts(path_of_scene), split_or_none(int(scene[-4:]))
             by_friction = np.asarray(found["accuracy"], np.float64).mean(axis=1)
             for frame_id, accuracy in zip(found["frame_id"].tolist(), by_friction, strict=True):
                 name = f"scenes/{scene}/{seen_by}/{frame_id:04d}"

@@ -343,6 +343,16 @@ def test_dumps_are_compared_by_graspnets_ap(tmp_path):
     assert figure(one_camera, "ap").frames == 6
 
 
+def test_a_scene_of_no_split_counts_in_all_as_in_the_report(tmp_path):
+    paths = [write_dump_run(tmp_path / name) for name in "ab"]
+    for path in paths:
+        for suffix in ("", ".provenance.json"):
+            file = scenes_folder(path) / f"scene_0100_kinect.npz{suffix}"
+            file.rename(file.with_name(file.name.replace("0100", "0250")))
+    found = compare.run(paths, CONFIG)
+    assert (figure(found, "ap").frames, figure(found, "ap", "seen").frames) == (12, 6)
+
+
 def test_files_that_only_exact_verdicts_read_are_no_other_labels(tmp_path):
     first = write_dump_run(tmp_path / "a", poses="xml", meshes="grids")
     exact = write_dump_run(tmp_path / "b", exact=True, poses="xml and mat", meshes="surfaces")

@@ -149,16 +149,24 @@ def frame_key(name: str) -> tuple[int, str, int] | None:
     return None if match is None else (int(match[1]), match[2], int(match[3]))
 
 
-def split_of_scene(scene_id: int) -> str:
-    """Return the name in SPLITS of the split of a scene."""
+def split_or_none(scene_id: int) -> str:
+    """Return the name in SPLITS of the split of a scene; empty for a scene of no split."""
     number = scene_id % BLOCK
-    split = next((name for name, scenes in SPLITS.items() if number in scenes), None)
-    if split is None:
-        raise SymgraspError(
-            f"scene {scene_id} is in no split; scenes are numbered 0 to 189, or {BLOCK}, "
-            f"{2 * BLOCK}, ... above"
-        )
-    return split
+    return next((name for name, scenes in SPLITS.items() if number in scenes), "")
+
+
+def split_of_scene(scene_id: int) -> str:
+    """Return the name in SPLITS of the split of a scene.
+
+    Raises:
+        SymgraspError: the scene is in no split.
+    """
+    if split := split_or_none(scene_id):
+        return split
+    raise SymgraspError(
+        f"scene {scene_id} is in no split; scenes are numbered 0 to 189, or {BLOCK}, "
+        f"{2 * BLOCK}, ... above"
+    )
 
 
 def scenes_of_split(split: str) -> list[int]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.array_types import Array
-from pipelines.dataset.graspnet.graspnet_layout import BLOCK, SPLITS
+from pipelines.dataset.graspnet.graspnet_layout import SPLITS, split_or_none
 from pipelines.evaluation.graspnet.dump_verdicts import DUMP_STATUSES
 from pipelines.evaluation.tables import Table
 from pipelines.evaluation.tallies import ALL
@@ -101,10 +101,10 @@ class DumpTally:
     ) -> None:
         """Add the verdicts on one scene, as `read_dump_verdicts` returns them."""
         splits = self.totals.setdefault(camera, {split: DumpTotals() for split in (*SPLITS, ALL)})
-        own, total = [split for split in SPLITS if scene_id % BLOCK in SPLITS[split]], DumpTotals()
-        for each in (total, *(splits[split] for split in (*own, ALL))):
+        own, total = split_or_none(scene_id), DumpTotals()
+        for each in (total, *(splits[split] for split in (own, ALL) if split)):
             each.add(verdicts)
-        self.scenes[name] = {"split": own[0] if own else "", **total.figures()}
+        self.scenes[name] = {"split": own, **total.figures()}
 
     def rows(self) -> dict[str, dict[str, DumpFigures]]:
         """Return FIGURES by camera and split; the split train only if it was dumped."""

@@ -10,14 +10,11 @@ or Ctrl-C, once the frames in progress are answered or the grace period is over.
 import errno
 import json
 import socket
-import threading
 from collections.abc import Callable
 from pathlib import Path
-from types import FrameType
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 from pipelines.configs import ExportConfig, ServeConfig
-from pipelines.ending import end_by_signal, set_farewell
 from pipelines.errors import SymgraspError
 from pipelines.grasp_files.exports.export_poses import ExportGripper, pose_frame, pose_origin
 from pipelines.grasp_files.exports.grasp_exports import FrameGrasps
@@ -113,23 +110,7 @@ def run(app: "FastAPI", config: ServeConfig, sockets: list[socket.socket]) -> No
         SymgraspError: the extra is not installed.
     """
     try:
-        import uvicorn  # noqa: PLC0415 - an extra
+        from pipelines.serving.http_server import GraspServer  # noqa: PLC0415 - an extra
     except ImportError as error:
         raise SymgraspError('serve needs uvicorn: pip install "symgrasp[serve]"') from error
-
-    def cut_off(number: int) -> NoReturn:
-        set_farewell(f"frames in progress that take over {config.grace} s are lost")
-        end_by_signal(number)
-
-    class Server(uvicorn.Server):
-        # uvicorn's own limit cancels the frames, with a traceback for each.
-        def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-            if self.should_exit:
-                cut_off(sig)
-            limit = threading.Timer(config.grace, cut_off, [sig])
-            limit.daemon = True
-            limit.start()
-            super().handle_exit(sig, frame)
-
-    most = 2 * config.max_waiting
-    Server(uvicorn.Config(app, log_level="warning", limit_concurrency=most)).run(sockets)
+    GraspServer(app, config).run(sockets)

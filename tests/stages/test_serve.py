@@ -13,7 +13,7 @@ import time
 import urllib.error
 import urllib.request
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from io import BytesIO
 from pathlib import Path
 
@@ -37,6 +37,7 @@ testclient = pytest.importorskip("fastapi.testclient", reason="the extra serve")
 uvicorn = pytest.importorskip("uvicorn", reason="the extra serve")
 anyio = pytest.importorskip("anyio", reason="the extra serve")
 http_app = pytest.importorskip("pipelines.serving.http_app", reason="the extra serve")
+http_server = pytest.importorskip("pipelines.serving.http_server", reason="the extra serve")
 RG2, ROOT = load_gripper("rg2"), Path(__file__).parents[2]
 RESULT = random_result(np.random.default_rng(0), 9, "x")
 LIGHT = ["--set", "regions=geometric", "--set", "method=planar"]
@@ -417,7 +418,7 @@ def test_the_expected_time_until_an_answer_follows_the_latest_frames():
 def served(detect, **settings):
     """Serve in a thread; yields the port."""
     sockets = serve.listening(config := ServeConfig(port=0, **settings))
-    server = uvicorn.Server(uvicorn.Config(serve.app_of(detect, RG2, config), log_level="warning"))
+    server = http_server.GraspServer(serve.app_of(detect, RG2, config), config)
     with ThreadPoolExecutor(1) as pool:
         ending = pool.submit(server.run, sockets)
         try:
@@ -430,6 +431,53 @@ def served(detect, **settings):
 def counts_at(port):
     with urllib.request.urlopen(f"http://127.0.0.1:{port}/health", timeout=60) as answer:
         return json.load(answer)
+
+
+def ends_by_the_server(connection) -> bool:
+    connection.settimeout(20)
+    return connection.recv(1) == b""
+
+
+def answers(connection) -> bool:
+    connection.settimeout(20)
+    connection.sendall(b"GET /health HTTP/1.1\r\nHost: x\r\n\r\n")
+    return connection.recv(100).startswith(b"HTTP/1.1 200")
+
+
+def test_clients_that_connect_and_send_nothing_do_not_block_others():
+    with served(None, max_waiting=1) as port, ExitStack() as open_ones:
+        silent = [
+            open_ones.enter_context(socket.create_connection(("127.0.0.1", port))) for _ in range(8)
+        ]
+        silent[0].sendall(b"POST /grasps HTTP/1.1\r\nHost:")
+        assert counts_at(port)["status"] == "ok"
+        assert answers(silent[1])
+
+
+@pytest.mark.parametrize("begun", [b"", b"POST /grasps HTTP/1.1\r\nHost:"])
+def test_a_connection_without_a_request_ends(begun, monkeypatch):
+    monkeypatch.setattr(http_server, "LONGEST_SILENCE", 0.3)
+    with served(None) as port, socket.create_connection(("127.0.0.1", port)) as silent:
+        silent.sendall(begun)
+        assert ends_by_the_server(silent)
+
+
+def test_of_too_many_connections_those_that_are_silent_for_longest_end(monkeypatch):
+    monkeypatch.setattr(http_server, "MOST_CONNECTIONS", 3)
+    detect = HeldDetector()
+    with served(detect) as port, ExitStack() as stack, ThreadPoolExecutor(1) as pool:
+        url, head = f"http://127.0.0.1:{port}/grasps", {"Content-Type": "application/json"}
+        request = urllib.request.Request(url, json.dumps(post()).encode(), head)
+        busy = pool.submit(urllib.request.urlopen, request)
+        assert detect.begun.acquire(timeout=60)
+        opened = []
+        for _ in range(3):
+            opened.append(stack.enter_context(socket.create_connection(("127.0.0.1", port))))
+            time.sleep(0.3)  # the server looks every 0.1 s
+        assert ends_by_the_server(opened[0])
+        assert answers(opened[2])
+        detect.go.set()
+        assert stack.enter_context(busy.result()).status == 200
 
 
 @pytest.mark.parametrize("side", [12, 400])  # uvicorn stops reading after bodies of 64 kB

@@ -49,7 +49,7 @@ from pipelines.grasp_files.exports.grasp_exports import (
     folds_case,
     frame_path,
 )
-from pipelines.grasp_files.grasps_stream import GraspsIndex, read_index, read_results
+from pipelines.grasp_files.grasps_stream import GraspsIndex, read_index, read_sound
 from pipelines.grasp_files.gripper_files import (
     gripper_digest,
     gripper_to_use,
@@ -196,8 +196,7 @@ def _exported(
     report: StageReport,
 ) -> Iterator[FrameGrasps]:
     """Yield the exported grasps frame by frame, one in memory at a time; report failed frames."""
-    first = 0
-    for result in read_results(grasps, range(len(index.names))):
+    for _place, first, result in read_sound(grasps, index.names, report.failed):
         if result.status == "failed":
             report.failed[result.name] = f"infer failed on it ({result.message}); it has no grasps"
         try:
@@ -205,10 +204,8 @@ def _exported(
             found = FrameGrasps.of(result, first, gripper, min_score, frame)
         except SymgraspError as error:
             report.failed[result.name] = str(error)
-            continue
-        finally:
-            first += len(result.grasps)
-        yield found
+        else:
+            yield found
     _refuse_nothing(index, report)
 
 

@@ -13,7 +13,7 @@ reported and listed without a page.
 """
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -25,7 +25,7 @@ from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.frames_record import FramesRecord
 from pipelines.frames.rgbd import Frame, FrameSource
 from pipelines.grasp_files.grasp_checks import refuse_wrong_grasps
-from pipelines.grasp_files.grasps_stream import read_index, read_results
+from pipelines.grasp_files.grasps_stream import read_index, read_results, read_sound
 from pipelines.grasp_files.grasps_tables import FrameResult, result_digest
 from pipelines.grasp_files.gripper_files import gripper_digest, gripper_to_use, load_gripper
 from pipelines.pictures.grasp_page.page import IndexEntry, frame_page, index_page, result_words
@@ -98,14 +98,14 @@ def run(
     whole = make_stamp(STAGE, config, inputs={"gripper": gripper_digest(gripper)})
     _check_output(paths, whole, overwrite=options.overwrite)
     sources = FramesRecord.of(paths.grasps, index.attrs, paths.frames).sources()
-    items, failed = _items(paths, whole, sources)
+    items, failed = _items(paths, index.names, whole, sources)
     report = run_batch(STAGE, items, partial(make_page, paths=paths, config=config), options)
     report.failed = failed | report.failed
     if rerun:
         _record(paths, config, items, options, report)
     if not options.dry_run:
         title = f"{paths.grasps.name}: {len(index.names)} frames"
-        write_text(paths.index, index_page(title, _entries(paths, report), whole))
+        write_text(paths.index, index_page(title, _entries(paths, index.names, report), whole))
     return report
 
 
@@ -155,12 +155,12 @@ def _check_output(paths: ViewPaths, whole: Stamp, *, overwrite: bool) -> None:
 
 
 def _items(
-    paths: ViewPaths, whole: Stamp, sources: Mapping[str, FrameSource]
+    paths: ViewPaths, names: Sequence[str], whole: Stamp, sources: Mapping[str, FrameSource]
 ) -> tuple[list[WorkItem], dict[str, str]]:
     """Return the pages to make, and the reasons why other frames have none."""
-    items, failed = [], {}
+    items, failed = [], dict[str, str]()
     digests: dict[Path, str] = {}  # a bag is one file of many frames: it is read once
-    for place, result in enumerate(_results(paths)):
+    for place, _first, result in read_sound(paths.grasps, names, failed):
         source = sources.get(result.name)
         try:
             target = paths.of_frame(result.name, ".html")
@@ -206,19 +206,16 @@ def _record(
     report.seconds += recorded.seconds
 
 
-def _entries(paths: ViewPaths, report: StageReport) -> Iterator[IndexEntry]:
-    for result in _results(paths):
-        failure = report.failed.get(result.name)
+def _entries(paths: ViewPaths, names: Sequence[str], report: StageReport) -> Iterator[IndexEntry]:
+    places = [place for place, name in enumerate(names) if name not in report.failed]
+    results = read_results(paths.grasps, places)
+    for name in names:
+        failure = report.failed.get(name)
         if failure is not None:
-            yield IndexEntry(result.name, None, None, failure, failed=True)
+            yield IndexEntry(name, None, None, failure, failed=True)
             continue
         page, picture = (
-            paths.of_frame(result.name, suffix).relative_to(paths.output).as_posix()
+            paths.of_frame(name, suffix).relative_to(paths.output).as_posix()
             for suffix in (".html", ".jpg")
         )
-        yield IndexEntry(result.name, page, picture, result_words(result))
-
-
-def _results(paths: ViewPaths) -> Iterator[FrameResult]:
-    """Yield the results, a frame at a time."""
-    return read_results(paths.grasps, range(len(read_index(paths.grasps).names)))
+        yield IndexEntry(name, page, picture, result_words(next(results)))

@@ -237,8 +237,8 @@ def read_result(path: Path, file: h5py.File, frame: int) -> FrameResult:
 
 def _read_frame(file: h5py.File, frame: int) -> FrameResult:
     table = file["frames"]
-    first, last = _rows(file["regions/frame"], frame)
-    start, end = _rows(file["grasps/frame"], frame)
+    first, last = rows_of_frame(file["regions/frame"], frame)
+    start, end = rows_of_frame(file["grasps/frame"], frame)
     stored = stored_columns(file)
     names = (name for name in RegionTable.SPEC if name in stored["regions"])
     regions = _slice(file["regions"], names, first, last)
@@ -259,7 +259,8 @@ def _read_frame(file: h5py.File, frame: int) -> FrameResult:
     )
 
 
-def _rows(frame_of_row: h5py.Dataset, frame: int) -> tuple[int, int]:
+def rows_of_frame(frame_of_row: h5py.Dataset, frame: int) -> tuple[int, int]:
+    """Return the first row of the frame with the index `frame`, and the row after its last."""
     first = bisect_left(frame_of_row, frame)
     return first, bisect_left(frame_of_row, frame + 1, lo=first)
 

@@ -1,19 +1,17 @@
-"""Reading and writing of `grasps.h5` a few frames at a time, with constant memory.
+"""Reading of `grasps.h5` a frame at a time, with constant memory.
 
 The tables of a file are sorted by frame, so bisection finds the rows of a frame and only these
-rows are read. For writing, the rows of all parts are counted first, then filled in.
+rows are read.
 """
 
 import os
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-import h5py
 import numpy as np
-from h5py import h5d, h5g
 
 from pipelines.configs.inference import FRAME_PEERS
 from pipelines.contents import mapping_in
@@ -21,34 +19,27 @@ from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_layout import FrameFiles, SceneFiles, frame_key
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.grasp_files.grasps_file import (
-    FORMAT_VERSION,
-    UNITS,
     file_attributes,
     opened,
-    read_part,
     read_result,
     refuse_unordered,
-    stored_intrinsics,
-    write_attributes,
+    rows_of_frame,
 )
 from pipelines.grasp_files.grasps_tables import (
-    NO_FRAMES,
     FrameResult,
-    GraspTable,
-    RegionTable,
-    Tables,
-    joined_tables,
-    tables_of,
 )
-from pipelines.storage.array_files import DAMAGED
 from pipelines.storage.files import real_path
-from pipelines.storage.h5_columns import json_attributes, make_column, read_alike, read_columns
-from pipelines.storage.h5_files import new_h5, open_h5
-from pipelines.storage.provenance import Stamp
+from pipelines.storage.h5_columns import json_attributes, read_columns
 
 DEFAULT_GRIPPER = "rg2"
-COUNTED = ("regions/frame", "grasps/frame", "regions/mask_counts")
-BATCH = 64  # frames in memory while parts are put together
+
+
+class StoredFrame(NamedTuple):
+    """A frame of a file, with its index and that of its first grasp in /grasps."""
+
+    place: int
+    first_grasp: int
+    result: FrameResult
 
 
 @dataclass(frozen=True)
@@ -119,6 +110,28 @@ def read_results(path: Path, frames: Iterable[int]) -> Iterator[FrameResult]:
             yield read_result(path, file, frame)
 
 
+def read_sound(path: Path, names: Sequence[str], damaged: dict[str, str]) -> Iterator[StoredFrame]:
+    """Yield the frames that can be read, one in memory at a time; note the others in `damaged`.
+
+    Args:
+        path: the file.
+        names: of all its frames.
+        damaged: name of a frame to the sentence on its damage; filled here.
+
+    Raises:
+        FormatError: as in `read_index`.
+    """
+    with opened(path) as file:
+        for place, name in enumerate(names):
+            try:
+                first_grasp, _ = rows_of_frame(file["grasps/frame"], place)
+                result = read_result(path, file, place)
+            except SymgraspError as error:
+                damaged[name] = str(error)
+                continue
+            yield StoredFrame(place, first_grasp, result)
+
+
 def read_named(path: Path, name: str, place: int, config: Mapping[str, Any]) -> FrameResult:
     """Return the frame `name`, at the index `place` unless the file has been written again.
 
@@ -169,127 +182,3 @@ def places_by_scene(
     if not scenes:
         raise FormatError(path, "holds no frames", "run infer on the dataset first")
     return {scene: scenes[scene] for scene in sorted(scenes, key=lambda scene: scene.name)}
-
-
-def merge_parts(
-    path: Path,
-    parts: Sequence[FrameResult | Path],
-    stamp: Stamp,
-    weights: Mapping[str, str] | None = None,
-    check: Callable[[], None] = lambda: None,
-) -> None:
-    """Write the frames `parts`, parts or results, as `grasps_file.write` would.
-
-    `check`: called between parts; if it raises, nothing is written.
-
-    Raises:
-        FormatError: a part is damaged.
-    """
-    sizes = _sizes(parts, check)
-    with new_h5(path) as file:
-        write_attributes(file, stamp, weights)
-        _make_columns(file, sizes)
-        done = dict.fromkeys(sizes, 0)
-        for start in range(0, len(parts), BATCH):
-            check()
-            batch = parts[start : start + BATCH]
-            tables = [part_tables(p) if isinstance(p, Path) else tables_of([p]) for p in batch]
-            _fill(file, joined_tables(tables), done)
-
-
-def _sizes(parts: Sequence[FrameResult | Path], check: Callable[[], None]) -> dict[str, int]:
-    """Return the number of rows of all `parts` in each group and in `mask_counts`."""
-    sizes = np.zeros(3, np.int64)
-    for part in parts:
-        check()
-        if isinstance(part, Path):
-            sizes += part_sizes(part)
-        else:
-            sizes += len(part.regions), len(part.grasps), len(part.regions.mask_counts)
-    names = ("regions", "grasps", "mask_counts")
-    return {"frames": len(parts), **dict(zip(names, sizes.tolist(), strict=True))}
-
-
-def part_sizes(path: Path) -> tuple[int, ...]:
-    """Return the numbers of regions, grasps and mask runs of a part; check nothing else.
-
-    Raises:
-        FormatError: the part is damaged.
-    """
-    try:
-        with open_h5(path) as file:
-            return tuple(int(h5d.open(file.id, name.encode()).shape[0]) for name in COUNTED)
-    except DAMAGED:
-        with opened(path) as file:
-            return tuple(len(file[name]) for name in COUNTED)
-
-
-def part_tables(path: Path) -> Tables:
-    """Return the columns of one frame's part, equal to `tables_of` for that frame.
-
-    A part exactly as written by `grasps_file.write` is read by HDF5's low-level handles, several
-    times faster than by `read_part`. Any other part is left to `read_part`, which reads it or
-    names its fault.
-
-    Raises:
-        FormatError: as in `read_part`.
-    """
-    try:
-        with open_h5(path) as file:
-            tables = _columns_of_part(file)
-    except (*DAMAGED, SymgraspError):
-        tables = None
-    return tables or tables_of([read_part(path)])
-
-
-def _columns_of_part(file: h5py.File) -> Tables | None:
-    """Return the columns of a part of this version; None if anything differs from the format.
-
-    Raises:
-        SymgraspError: the columns disagree.
-    """
-    attrs = file_attributes(file)  # reads all attributes, to find damage
-    if int(attrs["format_version"]) != FORMAT_VERSION:
-        return None
-    tables: Tables = {}
-    for group, examples in NO_FRAMES.items():
-        columns = read_alike(h5g.open(file.id, group.encode()), examples)
-        if columns is None:
-            return None
-        tables[group] = columns
-    frames, regions, grasps = tables.values()
-    rows = {len(column) for column in grasps.values()}
-    if len(rows) > 1 or any(len(column) != 1 for column in frames.values()):
-        return None
-    tables_of_frame = RegionTable(**regions), GraspTable(**grasps)
-    camera = stored_intrinsics(frames["size"][0], frames["intrinsics"][0])
-    FrameResult("", frames["status"][0], "", camera, 0.0, *tables_of_frame)
-    is_alike = camera and not regions["frame"].any() and not grasps["frame"].any()
-    return tables if is_alike else None
-
-
-def _make_columns(file: h5py.File, sizes: Mapping[str, int]) -> None:
-    """Make the datasets of a file, with the order and types of `NO_FRAMES`."""
-    for group, columns in NO_FRAMES.items():
-        made = file.create_group(group)
-        for name, column in columns.items():
-            rows = sizes.get(name, sizes[group]) + (name == "mask_start")
-            shape = (rows, *column.shape[1:])
-            make_column(made, name, shape, column.dtype, UNITS[group].get(name))
-
-
-def _fill(file: h5py.File, tables: Tables, done: dict[str, int]) -> None:
-    """Write `tables` after the `done` rows, and add their rows to `done`."""
-    regions, grasps = tables["regions"], tables["grasps"]
-    regions["frame"] += done["frames"]
-    grasps["frame"] += done["frames"]
-    grasps["region"] += done["regions"]
-    regions["mask_start"] += done["mask_counts"]
-    for group, columns in tables.items():
-        for name, column in columns.items():
-            first = done.get(name, done[group])
-            file[group][name][first : first + len(column)] = column
-    done["frames"] += len(tables["frames"]["name"])
-    done["regions"] += len(regions["frame"])
-    done["grasps"] += len(grasps["frame"])
-    done["mask_counts"] += len(regions["mask_counts"])

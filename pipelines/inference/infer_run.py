@@ -30,7 +30,8 @@ from pipelines.frames.registration import oddities
 from pipelines.frames.rgbd import FrameSource
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.grasp_files import grasps_file
-from pipelines.grasp_files.grasps_stream import merge_parts, read_index
+from pipelines.grasp_files.grasps_parts import merge_parts
+from pipelines.grasp_files.grasps_stream import read_index
 from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.inference.run_settings import RunSettings
 from pipelines.inference.user_masks import drawn_by_user

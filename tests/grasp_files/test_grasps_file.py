@@ -12,7 +12,7 @@ from numpy.testing import assert_array_equal
 from pipelines.errors import FormatError, ValueRangeError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.grasp_files import grasps_file
-from pipelines.grasp_files.grasps_stream import merge_parts
+from pipelines.grasp_files.grasps_parts import merge_parts
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable
 from pipelines.storage.provenance import make_stamp, read_stamp
 from tests.grasp_files.whole_file import read_whole

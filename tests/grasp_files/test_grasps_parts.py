@@ -8,9 +8,9 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from pipelines.errors import FormatError, SymgraspError
-from pipelines.grasp_files import grasps_file, grasps_stream
+from pipelines.grasp_files import grasps_file, grasps_parts
 from pipelines.grasp_files.grasps_file import read_part
-from pipelines.grasp_files.grasps_stream import merge_parts, part_sizes, part_tables
+from pipelines.grasp_files.grasps_parts import merge_parts, part_sizes, part_tables
 from pipelines.grasp_files.grasps_tables import FrameResult, Tables, joined_tables, tables_of
 from tests.grasp_files.test_grasps_file import CAMERA, STAMP, result
 
@@ -49,7 +49,7 @@ def test_a_part_gives_the_columns_of_its_frame(tmp_path: Path, frame: FrameResul
 def test_columns_of_a_sound_part_are_read_without_building_its_frame(
     part: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(grasps_stream, "read_part", None)
+    monkeypatch.setattr(grasps_parts, "read_part", None)
     assert_same_tables(part_tables(part), tables_of([FRAMES[3]]))
 
 

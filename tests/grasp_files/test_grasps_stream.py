@@ -10,7 +10,8 @@ from numpy.testing import assert_array_equal
 
 from pipelines.errors import FormatError
 from pipelines.grasp_files import grasps_file
-from pipelines.grasp_files.grasps_stream import merge_parts, read_index, read_results
+from pipelines.grasp_files.grasps_parts import merge_parts
+from pipelines.grasp_files.grasps_stream import read_index, read_results
 from pipelines.grasp_files.grasps_tables import FrameResult
 from tests.grasp_files.test_grasps_file import STAMP, result
 from tests.grasp_files.whole_file import read_whole
@@ -57,7 +58,7 @@ def test_frames_read_one_by_one_equal_the_written_frames(path):
 def test_joined_parts_give_the_file_that_is_written_at_once(
     tmp_path, monkeypatch, batch, places, kept
 ):
-    monkeypatch.setattr("pipelines.grasp_files.grasps_stream.BATCH", batch)
+    monkeypatch.setattr("pipelines.grasp_files.grasps_parts.BATCH", batch)
     frames = [
         result("s/a", 2, 3),
         FrameResult("b", "failed", "no depth"),

@@ -5,6 +5,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -430,6 +431,22 @@ def test_a_frame_whose_name_leads_outside_or_is_too_long_fails_alone(grasps, tmp
     report = run(tmp_path / "g.h5", tmp_path / "out", to="isaac")
     assert set(report.failed) == {"../evil", "n" * 240}
     assert files_of(tmp_path) == {"g.h5", "out/good.yaml", "out/provenance.json"}
+
+
+@pytest.mark.parametrize("to", OUTPUTS)
+def test_a_damaged_frame_is_named_and_the_others_are_exported(to, grasps, tmp_path):
+    several = named(grasps, tmp_path / "g.h5", "a", "b", "c")
+    out, whole = tmp_path / OUTPUTS[to], tmp_path / "whole.json"
+    run(several, whole, to="json")
+    with h5py.File(several, "r+") as file:
+        file["grasps/region"][4] = 99  # of the second frame
+    report = run(several, out, to=to)
+    assert "is damaged (region of a grasp" in report.failed.pop("b")
+    assert not report.failed
+    assert "6 grasps in 2 frames" in report.notes[out.name]
+    if to == "json":
+        frames = [json.loads(path.read_text())["frames"] for path in (whole, out)]
+        assert frames[1] == [frames[0][0], frames[0][2]]
 
 
 @pytest.mark.parametrize("signature", [b"TREE", b"SNOD", b"HEAP", b"GCOL", b'{"config"'])

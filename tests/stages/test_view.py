@@ -4,6 +4,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -125,6 +126,18 @@ def test_a_frame_with_a_row_that_is_no_grasp_fails_alone(grasps, tmp_path):
     report = run(grasps, tmp_path / "out")
     assert report.done == ["two/c"]
     assert report.failed == {"one/a": "the rotation of a grasp is no rotation; run infer again"}
+
+
+def test_a_damaged_frame_is_named_and_the_others_have_pages(grasps, tmp_path):
+    with h5py.File(grasps, "r+") as file:
+        file["grasps/region"][0] = 99
+    report = run(grasps, out := tmp_path / "out")
+    assert report.done == list(NAMES[1:])
+    assert "is damaged (region of a grasp" in report.failed[NAMES[0]]
+    reader = Reader((out / "index.html").read_text(encoding="utf-8"))
+    links = [a["href"] for tag, a in reader.found if tag == "a"]
+    assert links == [f"frames/{name}.html" for name in NAMES[1:]]
+    assert report.failed[NAMES[0]] in reader.text
 
 
 def test_grasps_of_images_of_another_size_are_refused(grasps, tmp_path):

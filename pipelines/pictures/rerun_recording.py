@@ -49,7 +49,9 @@ def write_recording(
         WriteError: there is no space.
     """
     rr = need_rerun()
-    stream = rr.RecordingStream("symgrasp", recording_id=result.name)
+    # The viewer merges recordings with the same id, also those of other grasps of the frame.
+    recording_id = f"{result.name} {stamp.as_digest()}"
+    stream = rr.RecordingStream("symgrasp", recording_id=recording_id)
     # Not `stream.save`: rerun writes files in a thread of its own, which hides a full disk.
     recording = stream.memory_recording()
     stream.log("world", rr.ViewCoordinates.RDF, static=True)

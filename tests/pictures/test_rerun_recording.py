@@ -25,9 +25,11 @@ GRIPPER = load_gripper("rg2")
 
 class Stream:
     logged: ClassVar[dict] = {}
+    ids: ClassVar[list[str]] = []
 
     def __init__(self, application_id, recording_id):
         self.logged.clear()
+        self.ids.append(recording_id)
 
     def memory_recording(self):
         return SimpleNamespace(drain_as_bytes=lambda: b"RRD")
@@ -57,6 +59,17 @@ def logged(rerun, tmp_path):
     assert (tmp_path / "a.rrd").read_bytes() == b"RRD"
     assert read_stamp(tmp_path / "a.rrd") == STAMP.as_json()
     return Stream.logged
+
+
+@pytest.mark.usefixtures("rerun")
+def test_recordings_of_a_frame_from_two_runs_are_not_merged_by_the_viewer(tmp_path):
+    Stream.ids.clear()
+    for grasps in ("first", "first", "second"):
+        stamp = make_stamp("view", {}, inputs={"grasps": grasps})
+        write_recording(tmp_path / "a.rrd", FRAME, RESULT, GRIPPER, stamp)
+    first, again, second = Stream.ids
+    assert first == again
+    assert first != second
 
 
 def rotated(quaternion, vector):

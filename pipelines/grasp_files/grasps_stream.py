@@ -5,7 +5,7 @@ rows are read.
 """
 
 import os
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -87,12 +87,16 @@ def read_index(path: Path) -> GraspsIndex:
     """Read the names of all frames and the attributes.
 
     Raises:
-        FormatError: the file is no grasps.h5, has another version, is truncated or inconsistent.
+        FormatError: the file is no grasps.h5, has another version, is truncated or inconsistent, or
+            has two frames of one name.
     """
     with opened(path) as file:
         columns = read_columns(path, file["frames"], ["name", "status", "message"])
         refuse_unordered(path, file)
         names, statuses, messages = ([str(text) for text in each] for each in columns.values())
+        name, count = next(iter(Counter(names).most_common(1)), ("", 0))
+        if count > 1:  # outputs by name would replace each other
+            raise FormatError(path, f"has {count} frames named {name!r}", "give each its own name")
         num_grasps = len(file["grasps/frame"])
         attrs = file_attributes(file)
         stamp = json_attributes(path, file, ("provenance",))["provenance"]

@@ -139,6 +139,14 @@ def test_rows_that_bisection_would_lose_are_refused(path, group, change, fault):
         read_index(path)
 
 
+def test_two_frames_of_one_name_are_refused(path):
+    with h5py.File(path, "r+") as file:
+        names = file["frames/name"]
+        names[2] = names[0]
+    with pytest.raises(FormatError, match="has 2 frames named 's/a'; give each its own name"):
+        read_index(path)
+
+
 @pytest.mark.parametrize("block", [b"TREE", b"SNOD", b"HEAP"])
 def test_a_damaged_block_anywhere_is_reported_in_one_sentence(path, block):
     data = path.read_bytes()

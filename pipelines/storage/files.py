@@ -65,9 +65,13 @@ def atomic_folder(path: Path) -> Iterator[Path]:
     If `path` is a link, its target is replaced.
 
     Raises:
+        SymgraspError: `path` is the working folder, or holds it.
         WriteError: there is no space, or the folder of `path` may not be written.
     """
     path = real_path(path) if path.is_symlink() else path
+    if path.exists() and _holds_working_folder(path):
+        found = f"{path} cannot be replaced while it is the working folder, or holds it"
+        raise SymgraspError(f"{found}; run the command from another folder")
     with _write_errors_named(path, NO_SPACE | NOT_ALLOWED):
         make_folder(path.parent)
         temporary = new_temporary(path, lambda made: made.mkdir(mode=0o700))
@@ -87,6 +91,13 @@ def atomic_folder(path: Path) -> Iterator[Path]:
         shutil.rmtree(earlier, ignore_errors=True)
     finally:
         remove_temporary(temporary)
+
+
+def _holds_working_folder(path: Path) -> bool:
+    try:
+        return Path.cwd().is_relative_to(real_path(path))
+    except FileNotFoundError:  # another program has removed the working folder
+        return False
 
 
 @contextmanager

@@ -5,6 +5,7 @@ import errno
 import json
 import os
 import sys
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -182,6 +183,19 @@ def test_a_folder_given_as_a_link_is_replaced_at_its_target(tmp_path):
     assert (tmp_path / "disk/out/new").is_file()
     assert (tmp_path / "out").is_symlink()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["disk", "out"]
+
+
+@pytest.mark.parametrize("name", [".", "..", "../out"])
+def test_the_working_folder_is_not_replaced(name, tmp_path, monkeypatch):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/kept").touch()
+    monkeypatch.chdir(tmp_path / "out")
+    refused = pytest.raises(SymgraspError, match="run the command from another folder")
+    with refused, atomic_folder(Path(name)):
+        pass
+    assert (tmp_path / "out/kept").is_file()
+    assert Path("kept").is_file()
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
 def test_a_link_to_a_file_stands_for_the_file_and_a_link_to_a_folder_for_itself(tmp_path):

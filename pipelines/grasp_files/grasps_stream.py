@@ -25,9 +25,7 @@ from pipelines.grasp_files.grasps_file import (
     refuse_unordered,
     rows_of_frame,
 )
-from pipelines.grasp_files.grasps_tables import (
-    FrameResult,
-)
+from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.storage.files import real_path
 from pipelines.storage.h5_columns import json_attributes, read_columns
 

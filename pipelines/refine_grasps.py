@@ -28,6 +28,7 @@ from pipelines.dataset.graspnet.graspnet_labels import (
     LabelledGrasps,
     holding_grasps,
 )
+from pipelines.dataset.made_of import refuse_labels_of_another
 from pipelines.dataset.meshes import read_solid_mesh
 from pipelines.dataset.symmetry import symmetry_labels
 from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries
@@ -64,13 +65,16 @@ def refine_file(item: WorkItem, root: GraspNetRoot, config: RefineGraspsConfig, 
     (object_id,) = item.arguments
     symmetry = existing(root.symmetry_path(object_id), "symgrasp annotate-symmetry")
     label = existing(root.grasp_label_path(object_id), "symgrasp label-grasps")
+    model = root.model_path(object_id)
+    refuse_labels_of_another("mesh", model, symmetry, "annotate it again")
+    refuse_labels_of_another(model.name, model, label, "label it again")
     pieces = grasp_label_pieces(label, max(1, config.chunk // int(np.prod(LABEL_GRID))))
-    mesh = read_solid_mesh(root.model_path(object_id))
+    mesh = read_solid_mesh(model)
     labels = refine(mesh, pieces, symmetry_labels.read(symmetry), config, seed)
     if labels.counts.num_labelled and not labels.counts.num_distinct:
         raise SymgraspError(
             f"{label}: none of {labels.counts.num_labelled:,} labelled grasps meets the mesh "
-            f"{root.model_path(object_id)}; give the mesh that was labelled, in metres"
+            f"{model}; give the mesh that was labelled, in metres"
         )
     affordance_labels.write(item.target, labels, item.stamp)
     return _note(labels)

@@ -1,5 +1,6 @@
 """The refine-grasps stage on a box, a can, and a ball joined to a box."""
 
+import json
 import shutil
 from dataclasses import replace
 
@@ -38,6 +39,7 @@ from pipelines.metrics.contacts import close_fingers
 from pipelines.metrics.force_closure import min_friction
 from pipelines.refinement.copies import Copier, point_affordance
 from pipelines.runtime.batch import BatchOptions
+from pipelines.storage.provenance import digest, make_stamp, write_sidecar
 from tests.stages.dataset_root import write_root
 
 ANNOTATE = AnnotateSymmetryConfig(
@@ -79,6 +81,8 @@ def test_a_mesh_with_inward_normals_is_turned_and_another_mesh_fails(root, tmp_p
     write_mesh(inward, replace(mesh, faces=mesh.faces[:, ::-1]))
     far = read_mesh(other)
     write_mesh(other, replace(far, vertices=far.vertices + 1.0))
+    for path in (copy.symmetry_path(i) for i in (0, 1)):  # as if written by hand
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"provenance": None}))
     options = replace(QUIET, overwrite=True)
     report = refine_grasps.run(copy.root, CONFIG, options=options)
     assert list(report.failed) == ["001"]
@@ -87,6 +91,24 @@ def test_a_mesh_with_inward_normals_is_turned_and_another_mesh_fails(root, tmp_p
     found, expected = (affordance_labels.read(each.affordance_path(0)) for each in (copy, root))
     assert len(found.quality) == pytest.approx(len(expected.quality), rel=0.05)
     assert np.mean(found.affordance > 0) == pytest.approx(np.mean(expected.affordance > 0), abs=0.1)
+
+
+def test_symmetries_and_grasps_of_a_mesh_that_was_replaced_since_are_refused(root, tmp_path):
+    copy = GraspNetRoot(shutil.copytree(root.root, tmp_path / "root"))
+    shutil.rmtree(copy.affordance_path(0).parent)
+    for i in (0, 1):
+        mesh, label = copy.model_path(i), copy.grasp_label_path(i)
+        write_sidecar(label, make_stamp("label-grasps", {}, inputs={mesh.name: digest(mesh)}))
+        scaled = read_mesh(mesh)
+        write_mesh(mesh, replace(scaled, vertices=1.01 * scaled.vertices))
+    path = copy.symmetry_path(1)
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"provenance": None}))
+    report = refine_grasps.run(copy.root, CONFIG, options=QUIET)
+    assert report.done == ["002"]
+    assert "000.json: it was made with another file" in report.failed["000"]
+    assert report.failed["000"].endswith("annotate it again")
+    assert "001_labels.npz: it was made with another file" in report.failed["001"]
+    assert report.failed["001"].endswith("label it again")
 
 
 def test_every_contact_lies_on_the_mesh(root):

@@ -4,13 +4,13 @@ from functools import lru_cache
 from pathlib import Path
 
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.made_of import refuse_labels_of_another
 from pipelines.dataset.meshes import read_mesh
 from pipelines.dataset.symmetry import symmetry_labels
 from pipelines.dataset.symmetry.regions import check_triangles
-from pipelines.errors import FormatError
 from pipelines.geometry.region_masks import RegionedObject
 from pipelines.storage.files import existing
-from pipelines.storage.provenance import FileVersion, digest, read_stamp
+from pipelines.storage.provenance import FileVersion
 
 
 def read_regioned_object(root: Path, object_id: int) -> RegionedObject:
@@ -30,19 +30,6 @@ def read_regioned_object(root: Path, object_id: int) -> RegionedObject:
 @lru_cache(maxsize=32)
 def _read(mesh_file: FileVersion, labels_file: FileVersion) -> RegionedObject:
     mesh, labels = read_mesh(mesh_file.path), symmetry_labels.read(labels_file.path)
-    _check_mesh(mesh_file.path, labels_file.path)
+    refuse_labels_of_another("mesh", mesh_file.path, labels_file.path, "annotate it again")
     check_triangles(labels_file.path, ((r.name, r.triangles) for r in labels.regions), mesh)
     return RegionedObject(mesh, tuple(r for r in labels.regions if len(r.triangles)))
-
-
-def _check_mesh(mesh: Path, labels: Path) -> None:
-    """Refuse labels of another mesh, since their triangle indices do not fit `mesh`.
-
-    Labels written by hand need not have a stamp.
-    """
-    inputs = (read_stamp(labels) or {}).get("inputs")
-    made_of = inputs.get("mesh") if isinstance(inputs, dict) else None
-    if made_of is not None and made_of != digest(mesh):
-        raise FormatError(
-            labels, f"its regions belong to another mesh than {mesh}", "annotate it again"
-        )

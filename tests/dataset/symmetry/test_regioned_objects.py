@@ -31,7 +31,7 @@ def turn_order(root):
 def test_regions_of_another_mesh_are_refused(root):
     assert len(read_regioned_object(root.root, 0).regions) == 1
     turn_order(root)
-    with pytest.raises(FormatError, match=r"000.json: its regions .* annotate it again"):
+    with pytest.raises(FormatError, match=r"000.json: it was made with .* annotate it again"):
         read_regioned_object(root.root, 0)
 
 

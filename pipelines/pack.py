@@ -33,7 +33,7 @@ from pipelines.grasping.labelled_regions import LabelledCloud, LabelledSurface, 
 from pipelines.grasping.scene import SceneCloud
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
-from pipelines.storage.files import existing, refuse_file_as_folder
+from pipelines.storage.files import refuse_file_as_folder
 from pipelines.storage.provenance import FileVersion, make_stamp
 from pipelines.tabletop.levelling import table_row
 from pipelines.tabletop.mask_noise import MaskNoise
@@ -99,8 +99,7 @@ def pack_frame(
         return noise.applied(instance.mask, rng) if config.mask_noise else instance.mask
 
     def surface_of(object_id: int) -> LabelledSurface:
-        path = existing(root.affordance_path(object_id), "symgrasp refine-grasps")
-        return _surface(FileVersion.of(path))
+        return _surface(FileVersion.of(affordance_labels.current_path(root, object_id)))
 
     return labelled_clouds(shown, scene, poses, surface_of, mask_of, config, rng)
 

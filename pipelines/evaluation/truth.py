@@ -21,7 +21,6 @@ from pipelines.geometry.transforms import rotate_vectors, transform_points
 from pipelines.metrics.grasp_verdicts import TrueObject, TrueScene
 from pipelines.metrics.mesh_collision import MeshCollider
 from pipelines.metrics.symmetry_matching import TrueRegion
-from pipelines.storage.files import existing
 
 SURFACE_POINTS = 20000  # one point per 2 mm on an object of the size of a hand
 ERROR_POINTS = 500  # points of a region that the dense symmetry error is averaged over
@@ -89,7 +88,7 @@ class TruthReader:
     def affordance(self, object_id: int) -> AffordanceLabels:
         """Return the affordance of an object that `refine-grasps` wrote."""
         if object_id not in self._affordance:
-            path = existing(self.root.affordance_path(object_id), "symgrasp refine-grasps")
+            path = affordance_labels.current_path(self.root, object_id)
             self._affordance[object_id] = affordance_labels.read(path)
         return self._affordance[object_id]
 

@@ -27,7 +27,6 @@ from pipelines.geometry.rendering import Scene, cast_view
 from pipelines.geometry.transforms import invert, make_pose, random_rotation, transform_points
 from pipelines.grasping.labelled_regions import LabelledCloud, LabelledSurface, labelled_clouds
 from pipelines.grasping.scene import SceneCloud
-from pipelines.storage.files import existing
 from pipelines.synthesis.objects.decomposition import hull_of_points
 from pipelines.synthesis.objects.pools import UNSEEN_POOLS
 from pipelines.synthesis.scenes.cameras import LENSES, drawn_viewpoints, sensor_intrinsics
@@ -88,8 +87,9 @@ def read_object(root: GraspNetRoot, object_id: int) -> LabelledObject:
 
     Raises:
         MissingInputError: a label has not been made yet.
+        FormatError: a label is damaged, or of another mesh.
     """
-    labels = existing(root.affordance_path(object_id), "symgrasp refine-grasps")
+    labels = affordance_labels.current_path(root, object_id)
     regioned = read_regioned_object(root.root, object_id)
     pieces_path = root.model_path(object_id).with_name("convex.npz")
     pieces: Sequence[Mesh] = (

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -17,7 +18,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pipelines import annotate_symmetry, pack, refine_grasps
 from pipelines.configs import AnnotateSymmetryConfig, PackConfig, RefineGraspsConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
-from pipelines.dataset.meshes import read_mesh
+from pipelines.dataset.meshes import read_mesh, write_mesh
 from pipelines.dataset.symmetry import symmetry_labels
 from pipelines.dataset.training import packed_regions
 from pipelines.dataset.training.packed_regions import PackedReader
@@ -43,6 +44,7 @@ from pipelines.geometry.transforms import (
 )
 from pipelines.mesh_symmetry.detection.surface import Surface
 from pipelines.runtime.batch import BatchOptions
+from pipelines.storage.provenance import digest, make_stamp
 from tests.stages.dataset_root import write_root
 
 QUIET = BatchOptions(progress=False)
@@ -335,6 +337,23 @@ def test_labels_that_are_written_again_are_read_again(root, tmp_path):
     pack.run(other.root, tmp_path / "b", CONFIG, options=QUIET)
     before, after = (packed_regions.read(tmp_path / name / f"{NAME}.h5") for name in "ab")
     assert np.count_nonzero(after.affordance) < np.count_nonzero(before.affordance)
+
+
+@pytest.mark.parametrize("kind", ["mesh", "symmetry"])
+def test_affordance_of_another_mesh_or_other_symmetries_is_refused(root, tmp_path, kind):
+    other = GraspNetRoot(shutil.copytree(root.root, tmp_path / "copy"))
+    labels = symmetry_labels.read(other.symmetry_path(0))
+    if kind == "mesh":
+        mesh = read_mesh(other.model_path(0))
+        write_mesh(other.model_path(0), Mesh(1.01 * mesh.vertices, mesh.faces))
+    else:
+        labels = replace(labels, symmetries=labels.symmetries[:1], sources=())
+    inputs = {"mesh": digest(other.model_path(0))}
+    stamp = make_stamp("annotate-symmetry", {}, inputs=inputs)
+    symmetry_labels.write(other.symmetry_path(0), labels, stamp)
+    report = pack.run(other.root, tmp_path / "out", CONFIG, options=QUIET)
+    assert "000.h5: it was made with another file" in report.failed[NAME]
+    assert report.failed[NAME].endswith("run refine-grasps with --overwrite")
 
 
 def test_a_run_killed_while_it_writes_leaves_whole_files(root, tmp_path):

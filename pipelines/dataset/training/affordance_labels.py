@@ -4,12 +4,16 @@ All arrays are in the object's canonical frame, metres. Attributes `num_*`: `Ref
 """
 
 from dataclasses import asdict, dataclass, fields
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.made_of import refuse_labels_of_another
+from pipelines.storage.files import existing
 from pipelines.storage.h5_columns import (
     ColumnTable,
     check_version,
@@ -19,7 +23,7 @@ from pipelines.storage.h5_columns import (
     write_columns,
 )
 from pipelines.storage.h5_files import new_h5, open_h5
-from pipelines.storage.provenance import Stamp
+from pipelines.storage.provenance import FileVersion, Stamp
 
 FORMAT_VERSION = 1
 UNITS = {"contacts": "m", "points": "m"}
@@ -69,6 +73,26 @@ def write(path: Path, labels: AffordanceLabels, stamp: Stamp) -> None:
         file.attrs["provenance"] = stamp.as_text()
         file.attrs.update(asdict(labels.counts))
         write_columns(file, {name: getattr(labels, name) for name in labels.SPEC}, UNITS)
+
+
+def current_path(root: GraspNetRoot, object_id: int) -> Path:
+    """Return the path of an object's affordance of its present mesh and symmetries.
+
+    Raises:
+        MissingInputError: `refine-grasps` has not been run.
+        FormatError: mesh or symmetries have changed since.
+    """
+    path = existing(root.affordance_path(object_id), "symgrasp refine-grasps")
+    sources = {"mesh": root.model_path(object_id), "symmetry": root.symmetry_path(object_id)}
+    for name, source in sources.items():
+        _check_source(name, FileVersion.of(source), FileVersion.of(path))
+    return path
+
+
+@lru_cache(maxsize=512)
+def _check_source(name: str, source: FileVersion, labels: FileVersion) -> None:
+    cure = "run refine-grasps with --overwrite"
+    refuse_labels_of_another(name, source.path, labels.path, cure)
 
 
 def read(path: Path) -> AffordanceLabels:

@@ -18,6 +18,7 @@ from pipelines.geometry.symmetry import ObjectRegion, Symmetry
 from pipelines.geometry.transforms import invert, rotate_vectors, transform_points
 
 NUM_VISIBILITY_SAMPLES = 500
+UNHIDDEN = 1e-4  # of the distance to the camera, by which a ray may end early: rounding
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,9 @@ class RegionInstance:
     object_id: int  # in the dataset
     name: str  # of the region
     mask: Mask  # (H, W) pixels that show the region
-    visible: float  # share of the region's surface toward the camera inside the mask, 0 to 1
+    # Share of the region's surface toward the camera inside the mask, 0 to 1. The inner side of an
+    # open surface counts where the camera sees it.
+    visible: float
     symmetries: tuple[Symmetry, ...]  # of the region, camera frame, metres
 
 
@@ -94,9 +97,11 @@ def _visible_share(
 ) -> float:
     """Return the share of the surface samples facing the camera that project into `mask`."""
     part = mesh.submesh(region.triangles)
-    points, normals, _ = sample_surface(part, NUM_VISIBILITY_SAMPLES, np.random.default_rng(0))
-    points, normals = transform_points(T_cam_obj, points), rotate_vectors(T_cam_obj, normals)
+    samples, normals, _ = sample_surface(part, NUM_VISIBILITY_SAMPLES, np.random.default_rng(0))
+    points, normals = transform_points(T_cam_obj, samples), rotate_vectors(T_cam_obj, normals)
     facing = np.einsum("ni,ni->n", points, normals) < 0.0
+    if not mesh.is_watertight:
+        facing |= _is_unhidden(mesh, samples, invert(T_cam_obj)[:3, 3])
     facing &= points[:, 2] > 0.0
     if not facing.any():
         return 0.0
@@ -104,3 +109,10 @@ def _visible_share(
     u, v = pixels[inside].T
     held = mask[v, u].sum()
     return float(held / facing.sum())
+
+
+def _is_unhidden(mesh: Mesh, points: Array, eye: Array) -> Mask:
+    """Return the mask (n,) of `points` (n, 3) of `mesh` that nothing hides from `eye` (3,)."""
+    rays = points - eye
+    distance, _ = first_hits(mesh, np.broadcast_to(eye, rays.shape), rays)
+    return np.asarray(distance > (1.0 - UNHIDDEN) * np.linalg.norm(rays, axis=1))

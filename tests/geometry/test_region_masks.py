@@ -4,6 +4,7 @@ import numpy as np
 from numpy.testing import assert_allclose
 
 from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.region_masks import RegionedObject, visible_regions
 from pipelines.geometry.rendering import Scene, cast_view
 from pipelines.geometry.symmetry import ObjectRegion, ReflectionSymmetry
@@ -84,6 +85,17 @@ def test_the_visible_share_falls_by_the_hidden_pixels():
     (seen,) = visible_regions(label, CAMERA, [(0, pose)], {0: whole(mesh)})
     (part,) = visible_regions(hidden, CAMERA, [(0, pose)], {0: whole(mesh)})
     assert 0.2 * seen.visible < part.visible < 0.8 * seen.visible
+
+
+def test_an_open_surface_is_as_visible_from_behind():
+    square = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * 0.05
+    sheet = Mesh(square, np.array([[0, 1, 2], [0, 2, 3]]))
+    turned = Mesh(square, sheet.faces[:, ::-1].copy())
+    pose, shares = make_pose(np.eye(3), [0.0, 0.0, 0.5]), []
+    for mesh in (sheet, turned):
+        (found,) = visible_regions(label_of(mesh, pose), CAMERA, [(0, pose)], {0: whole(mesh)})
+        shares.append(found.visible)
+    assert min(shares) > 0.95
 
 
 def test_symmetries_are_given_in_the_camera_frame():

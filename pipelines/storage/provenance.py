@@ -147,6 +147,12 @@ def stamp_ahead(target: Path, stamp: Stamp) -> None:
     write_sidecar(target, stamp)
 
 
+def remove_stamped(target: Path) -> None:
+    """Remove the file `target`, if it exists, and its sidecar."""
+    target.unlink(missing_ok=True)
+    sidecar_of(target).unlink(missing_ok=True)
+
+
 def refuse_other_suffix(output: Path, suffix: str) -> None:
     """Raise ValueRangeError if `--out` does not end in `suffix`.
 

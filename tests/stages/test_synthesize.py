@@ -163,6 +163,16 @@ def test_other_settings_are_refused(root):
     assert report.exit_code == 1
 
 
+def test_a_scene_made_again_without_collision_labels_has_no_earlier_ones(root, tmp_path):
+    shutil.copytree(root, tmp_path / "root")
+    config = replace(CONFIG, splits=("train",), views=1, collision_labels=False)
+    options = replace(QUIET, overwrite=True)
+    assert synthesize.run(tmp_path / "root", config, options, seed=4).failed == {}
+    labels = GraspNetRoot(tmp_path / "root").collision_label_path
+    assert list(labels(160).parent.iterdir())
+    assert not list(labels(0).parent.iterdir())
+
+
 def test_the_users_meshes_are_used(tmp_path):
     for name, size in (("a", (0.05, 0.06, 0.1)), ("b", (0.04, 0.04, 0.12))):
         trimesh.creation.box(size).export(tmp_path / f"{name}.stl")

@@ -32,7 +32,7 @@ from pipelines.geometry.transforms import invert
 from pipelines.storage.array_files import write_npy
 from pipelines.storage.files import atomic_folder
 from pipelines.storage.images import write_image
-from pipelines.storage.provenance import Stamp, stamp_ahead, write_sidecar
+from pipelines.storage.provenance import Stamp, remove_stamped, stamp_ahead, write_sidecar
 from pipelines.synthesis.labels.grasp_sampling import scene_collisions
 from pipelines.synthesis.labels.planar_labels import planar_rows
 from pipelines.synthesis.scenes.cameras import (
@@ -64,7 +64,11 @@ def write_scene(
         layout.center, config.views, intrinsics, rng, around.arc, around.elevations
     )
     labelled = config.collision_labels and config.labels.num_points > 0
-    free = _write_collisions(root, scene_id, layout, stamp) if labelled else []
+    free: list[LabelledGrasps] = []
+    if labelled:
+        free = _write_collisions(root, scene_id, layout, stamp)
+    else:  # earlier labels belong to the scene that this one replaces
+        remove_stamped(root.collision_label_path(scene_id))
     with atomic_folder(root.scene_folder(scene_id)) as folder:
         views = record(layout, viewpoints, intrinsics, sensor, rng, config.scenery)
         write_views(folder, camera_folder(sensor), views, layout, viewpoints, intrinsics, free)

@@ -41,6 +41,7 @@ from pipelines.storage.unfinished import mark_finished, mark_unfinished
 from pipelines.synthesis.labels.grasp_sampling import sample_grasp_label
 from pipelines.synthesis.objects.own_models import OwnModel, own_models, refuse_own_output
 from pipelines.synthesis.objects.pools import POOLS_OF_FAMILIES, make_object
+from pipelines.synthesis.objects.shown_objects import refuse_to_replace_shown
 from pipelines.synthesis.scenes.cameras import MIXED, camera_folder
 from pipelines.synthesis.scenes.scene_files import write_scene
 from pipelines.synthesis.scenes.tables import check_object_counts
@@ -70,6 +71,7 @@ def run(
 
     Raises:
         ValueRangeError: a setting is out of range, or `models` are those of `output`.
+        SymgraspError: a scene of an earlier run shows objects that this run would replace.
     """
     refuse_file_as_folder(output)
     _check(config, models, output)
@@ -77,6 +79,8 @@ def run(
     root = _PlannedRoot(
         GraspNetRoot(output), config, seed, _object_ids(config, len(sources)), sources
     )
+    if options.overwrite:
+        root.refuse_to_replace_shown()
     was_finished = not options.dry_run and mark_unfinished(output, STAGE)
     report = StageReport(STAGE)
     step = partial(_write_object, seed=seed)
@@ -201,6 +205,13 @@ class _PlannedRoot:
             target = model.with_name("textured.sdf")
             items.append(WorkItem(f"distance grid {object_id:03d}", target, stamp, (model,)))
         return items
+
+    def refuse_to_replace_shown(self) -> None:
+        """Refuse to replace objects that scenes of earlier runs show."""
+        count = self.config.scenes_per_split
+        made_again = {i for split in self.config.splits for i in scenes_of_split(split)[:count]}
+        models = dict(zip(self.ids, self.object_items(), strict=True))
+        refuse_to_replace_shown(self.files, models, made_again)
 
     def scene_items(self) -> list[WorkItem]:
         # Procedural objects follow from the settings and the seed. A user's meshes do not; the

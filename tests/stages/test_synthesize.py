@@ -163,6 +163,15 @@ def test_other_settings_are_refused(root):
     assert report.exit_code == 1
 
 
+def test_objects_that_a_scene_of_an_earlier_run_shows_are_not_replaced(root):
+    before = read_stamp(root / "models/000")
+    seen = replace(CONFIG, splits=("seen",))
+    with pytest.raises(SymgraspError, match=r"scene_0000 shows object 00\d, which would be"):
+        synthesize.run(root, seen, replace(QUIET, overwrite=True), seed=5)
+    assert read_stamp(root / "models/000") == before
+    assert synthesize.run(root, CONFIG, QUIET, seed=4).done == []
+
+
 def test_a_scene_made_again_without_collision_labels_has_no_earlier_ones(root, tmp_path):
     shutil.copytree(root, tmp_path / "root")
     config = replace(CONFIG, splits=("train",), views=1, collision_labels=False)

@@ -83,6 +83,10 @@ def run(
         root.refuse_to_replace_shown()
     was_finished = not options.dry_run and mark_unfinished(output, STAGE)
     report = StageReport(STAGE)
+    if models and _chooses_objects(config):
+        report.notes["objects"] = (
+            f"all meshes of {models} are used; --objects and --families choose procedural objects"
+        )
     step = partial(_write_object, seed=seed)
     report.add(run_batch("synthesize objects", root.object_items(), step, options))
     if config.labels.num_points and not report.failed:
@@ -123,6 +127,12 @@ def _check(config: SynthesizeConfig, models: Path | None, output: Path) -> None:
     check_object_counts(config.min_objects, config.max_objects)
     if config.sensor != MIXED:
         camera_folder(config.sensor)
+
+
+def _chooses_objects(config: SynthesizeConfig) -> bool:
+    """Return whether settings of procedural objects differ from their defaults."""
+    usual, names = SynthesizeConfig(), ("objects_per_pool", "families")
+    return any(getattr(config, name) != getattr(usual, name) for name in names)
 
 
 def _object_ids(config: SynthesizeConfig, num_models: int) -> dict[int, tuple[str, int]]:

@@ -189,6 +189,7 @@ def test_the_users_meshes_are_used(tmp_path):
     report = synthesize.run(tmp_path / "root", config, QUIET, models=tmp_path)
     assert report.failed == {}
     assert GraspNetRoot(tmp_path / "root").object_ids() == [0, 1]
+    assert report.notes["objects"].startswith(f"all meshes of {tmp_path} are used; --objects")
 
 
 def test_the_models_of_a_dataset_are_used_and_a_dataset_without_models_is_refused(tmp_path):

@@ -53,7 +53,13 @@ def reason(error: BaseException) -> str:
     return text if len(text) <= LONGEST_REASON else f"{text[:LONGEST_REASON]}..."
 
 
-def json_value(path: Path | str, data: bytes, subject: str = "this") -> Any:  # noqa: ANN401 - JSON
+class RepeatedNameError(ValueError):
+    """A JSON object with two values of one name, of which the first would be lost."""
+
+
+def json_value(
+    path: Path | str, data: bytes, subject: str = "this", *, by_hand: bool = False
+) -> Any:  # noqa: ANN401 - JSON
     """Return the value of JSON in UTF-8; its size, number of values and depth are bounded.
 
     Raises:
@@ -68,8 +74,11 @@ def json_value(path: Path | str, data: bytes, subject: str = "this") -> Any:  # 
         if found > most:
             raise FormatError(path, f"{subject} has {found} {name}", f"at most {most} are read")
     try:
-        content = parsed_json(data)
+        content = parsed_json(data, by_hand=by_hand)
         deep = is_deep(content, MAX_JSON_DEPTH)
+    except RepeatedNameError as error:
+        twice = f"{subject} names {error} twice in one object"
+        raise FormatError(path, twice, "only the last would count, so name each once") from error
     except (ValueError, RecursionError) as error:  # not text, not JSON, too many digits, too deep
         raise FormatError(path, f"{subject} is not JSON ({reason(error)})", expected) from error
     if deep:
@@ -77,16 +86,27 @@ def json_value(path: Path | str, data: bytes, subject: str = "this") -> Any:  # 
     return content
 
 
-def parsed_json(data: bytes) -> Any:  # noqa: ANN401 - JSON
-    """Return the value of JSON in UTF-8.
+def parsed_json(data: bytes, *, by_hand: bool = False) -> Any:  # noqa: ANN401 - JSON
+    """Return the value of JSON in UTF-8; `by_hand`: names must not be repeated in an object.
 
     Raises:
+        RepeatedNameError: a name is repeated.
         ValueError: not JSON, or text with an unpaired surrogate, which no output can hold.
         RecursionError: nested too deep.
     """
-    content = json.loads(data.decode())
+    hook = _with_distinct_names if by_hand else None
+    content = json.loads(data.decode(), object_pairs_hook=hook)
     if b"\\ud" in data.lower():
         json.dumps(content, ensure_ascii=False).encode()
+    return content
+
+
+def _with_distinct_names(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    content: dict[str, Any] = {}
+    for name, value in pairs:
+        if name in content:
+            raise RepeatedNameError(repr(name))
+        content[name] = value
     return content
 
 

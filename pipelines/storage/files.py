@@ -148,13 +148,13 @@ def finite_json(content: Any) -> Any:  # noqa: ANN401 - JSON is any of many type
     return content
 
 
-def read_json(path: Path) -> Any:  # noqa: ANN401 - JSON is any of many types
-    """Read the JSON file `path`.
+def read_json(path: Path, *, by_hand: bool = False) -> Any:  # noqa: ANN401 - JSON
+    """Read the JSON file `path`; in a file that people write, names must not be repeated.
 
     Raises:
         FormatError: the file is not JSON, or beyond the bounds of `contents.json_value`.
     """
-    return json_value(path, read_bytes(path, MAX_JSON_BYTES))
+    return json_value(path, read_bytes(path, MAX_JSON_BYTES), by_hand=by_hand)
 
 
 def read_bytes(path: Path, most: int) -> bytes:

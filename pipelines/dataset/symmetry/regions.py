@@ -40,7 +40,7 @@ def read(path: Path, mesh: Mesh) -> list[ManualRegion]:
     Raises:
         FormatError: the file is malformed, a region has no triangles, or regions share triangles.
     """
-    content = read_json(path)
+    content = read_json(path, by_hand=True)
     if not isinstance(content, dict) or not isinstance(content.get("regions"), list):
         raise FormatError(path, "lacks the list `regions`", '{"regions": [...]} is expected')
     if not content["regions"]:

@@ -50,7 +50,7 @@ def read(path: Path) -> dict[str, ObjectEdits]:
     Raises:
         FormatError: the file is malformed.
     """
-    content = read_json(path)
+    content = read_json(path, by_hand=True)
     if not isinstance(content, dict):
         raise FormatError(path, "the corrections are no object", '{"NAME": [...], ...}')
     return {name: _object_edits(path, name, entries) for name, entries in content.items()}

@@ -73,7 +73,7 @@ def read(path: Path) -> ObjectSymmetries:
     Raises:
         FormatError: the file is malformed; the message names the entry.
     """
-    content = read_json(path)
+    content = read_json(path, by_hand=True)
     if not isinstance(content, dict) or "symmetries" not in content:
         raise FormatError(path, "lacks `symmetries`", "object, symmetries and regions are expected")
     doubt, found = content.get("doubt"), content.get("found")

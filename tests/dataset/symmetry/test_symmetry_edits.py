@@ -45,6 +45,22 @@ def test_a_dropped_symmetry_is_gone_and_indices_do_not_move(tmp_path):
     assert sources == [FROM_BOP]
 
 
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ('{"003": [{"drop": {"index": 0}, "drop": {"index": 1}}]}', "drop"),
+        ('{"003": [], "004": [], "003": [{"accept": {"index": 0}}]}', "003"),
+    ],
+)
+def test_a_name_that_is_repeated_is_refused_since_its_first_value_would_be_lost(
+    tmp_path, text, name
+):
+    path = tmp_path / "edits.json"
+    path.write_text(text)
+    with pytest.raises(FormatError, match=f"edits.json: this names '{name}' twice in one object"):
+        symmetry_edits.read(path)
+
+
 def test_an_added_plane_joins_the_planes_and_is_marked_as_made_by_hand(tmp_path):
     symmetries, sources = applied(tmp_path, {"add": PLANE})
     assert [s.kind for s in symmetries] == ["reflection"] * 3 + ["rotation"]

@@ -1,11 +1,10 @@
 """Pinhole cameras from small files of many forms that are next to images.
 
-Internally the unit of depth is always `units_per_metre`. The keys of files conflict: GraspNet's
-factor_depth and our depth_scale divide, BOP's depth_scale multiplies to millimetres, RealSense's
-is metres per unit.
+Internally the unit of depth is always `units_per_metre`; `stated_units` reads it.
 """
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from pipelines.errors import FormatError, SymgraspError, ValueRangeError
 from pipelines.frames.encodings.yaml_files import read_yaml
 from pipelines.frames.graspnet_scene import read_meta
 from pipelines.frames.lens import NO_DISTORTION, Distortion, distortion_in
+from pipelines.frames.stated_units import check_units, units_in
 from pipelines.geometry.camera import Intrinsics
 from pipelines.storage.array_files import read_npy
 from pipelines.storage.files import existing, is_file, read_json
@@ -30,12 +30,9 @@ SYNONYMS = {
 }
 WIDTH_KEYS = ("width", "img_width", "image_width", "_width", "w", "xres")
 HEIGHT_KEYS = ("height", "img_height", "image_height", "_height", "h", "yres")
-SCALE_KEYS = ("depth_units_per_metre", "depth_scale", "factor_depth", "scale")
-BOP_SCALES = 0.05, 1.0  # depth_scale of BOP's files; no camera's unit is 5 cm to 1 m
 MATRIX_KEYS = ("cam_K", "K", "k", "intrinsic_matrix", "intrinsics_matrix", "camera_matrix",
                "cameraMatrix", "INTRINSICS", "intrinsics", "intrinsic")  # fmt: skip
 FORMS = "fx, fy, cx, cy or a 3x3 matrix (cam_K, K, intrinsic_matrix) is expected"
-UNITS_RANGE = (1e-3, 1e9)  # kilometres to nanometres: beyond, a file is damaged
 # A principal point this near the border means intrinsics of another image size.
 CENTRAL = (0.1, 0.9)
 # Least focal length, in sides of the image. Below it, the camera would see more than 175 degrees,
@@ -105,20 +102,6 @@ class CameraFile:
         return cls(fx, fy, cx, cy, origin=str(path), **facts)
 
 
-def check_units(name: str, units: float | None) -> None:
-    """Raise a ValueRangeError if `units` cannot be units per metre; None (unknown) is allowed.
-
-    `units` may have any type, as in a POST.
-    """
-    low, high = UNITS_RANGE
-    if units is None:
-        return
-    is_number = isinstance(units, int | float | np.number) and not isinstance(units, bool)
-    if not is_number or not low <= units <= high:  # written so that nan fails too
-        found = units if is_number else repr(units)
-        raise ValueRangeError(name, found, f"a number between {low:g} and {high:g} units per metre")
-
-
 def parse_camera(text: str) -> CameraFile:
     """Return the camera of `--intrinsics`: four numbers fx,fy,cx,cy, or a file's path."""
     try:
@@ -142,13 +125,8 @@ def read_camera_file(path: Path, frame: str = "") -> CameraFile:
         FormatError: the file has none of the known forms.
     """
     match path.suffix.lower():
-        case ".json" | ".intr":
-            content = read_json(path)
-            if path.name.startswith("scene_camera") and isinstance(content, dict):
-                content = _camera_of(path, content, frame)
-            return camera_from_mapping(path, content)
-        case ".yml" | ".yaml":
-            return camera_from_mapping(path, read_yaml(path))
+        case ".json" | ".intr" | ".yml" | ".yaml":
+            return camera_from_mapping(path, _content(path, frame))
         case ".txt":
             return _from_numbers(path)
         case ".npy":
@@ -159,6 +137,43 @@ def read_camera_file(path: Path, frame: str = "") -> CameraFile:
             return CameraFile.from_matrix(path, meta.intrinsic_matrix, units_per_metre=units)
         case _:
             raise SymgraspError(f"{path} is no camera file; give .json, .yaml, .txt, .npy or .mat")
+
+
+def read_units(path: Path, frame: str = "") -> float | None:
+    """Return the unit in a camera file, None if it states none; it need not hold a camera.
+
+    Raises:
+        FormatError: the file is damaged.
+    """
+    match path.suffix.lower():
+        case ".json" | ".intr" | ".yml" | ".yaml":
+            content = _content(path, frame)
+        case ".mat":
+            return read_meta(path).factor_depth
+        case _:
+            return None
+    return units_of(path, _with_camera(content)) if isinstance(content, dict) else None
+
+
+def units_of(path: Path, content: Mapping[str, Any]) -> float | None:
+    """Return the unit that the keys of the file `path` state, None if they state none."""
+    try:
+        units = units_in(content)
+    except (TypeError, ValueError, OverflowError) as error:
+        expected = "units per metre, or the name of a unit, are expected"
+        raise FormatError(path, f"holds a value that is no number ({error})", expected) from error
+    check_units(f"depth scale of {path}", units)
+    return units
+
+
+def _content(path: Path, frame: str) -> Any:  # noqa: ANN401 - JSON
+    """Return the content of a JSON or YAML file, or the part of it that is on this frame."""
+    if path.suffix.lower() in (".yml", ".yaml"):
+        return read_yaml(path)
+    content = read_json(path)
+    if path.name.startswith("scene_camera") and isinstance(content, dict):
+        return _camera_of(path, content, frame)
+    return content
 
 
 def camera_from_mapping(path: Path, content: Any) -> CameraFile:  # noqa: ANN401 - JSON
@@ -172,7 +187,7 @@ def camera_from_mapping(path: Path, content: Any) -> CameraFile:  # noqa: ANN401
     content = _with_camera(content)
     try:
         facts: dict[str, Any] = _size(content)
-        facts["units_per_metre"] = _units(content)
+        facts["units_per_metre"] = units_of(path, content)
         facts["distortion"] = distortion_in(path, content)
         matrix = _stated_matrix(content)
         values = {name: _first(content, keys) for name, keys in SYNONYMS.items()}
@@ -249,18 +264,6 @@ def _size(content: dict[str, Any]) -> dict[str, int]:
     if width is None or height is None:
         return {}
     return {"width": int(width), "height": int(height)}
-
-
-def _units(content: dict[str, Any]) -> float | None:
-    scale = _first(content, SCALE_KEYS)
-    if scale is None:
-        return None
-    scale = float(scale)
-    low, high = BOP_SCALES
-    is_bop = "cam_K" in content or ("depth_scale" in content and low <= scale <= high)
-    if is_bop and scale > 0:
-        return 1000.0 / scale  # BOP: times depth_scale gives millimetres
-    return 1.0 / scale if 0 < scale < 1 else scale  # below one: RealSense's metres per unit
 
 
 def _matrix(path: Path, stored: list[Any] | dict[str, Any]) -> Array:

@@ -7,8 +7,9 @@ from functools import lru_cache
 from operator import attrgetter
 from pathlib import Path
 
-from pipelines.frames.camera_files import CameraFile, check_units, read_camera_file
+from pipelines.frames.camera_files import CameraFile, read_camera_file, read_units
 from pipelines.frames.rgbd import DepthUnits, Frame, read_pair
+from pipelines.frames.stated_units import check_units
 
 COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".exr")
@@ -33,6 +34,12 @@ class FrameOptions:
 
     def __post_init__(self) -> None:
         check_units("--depth-units-per-metre", self.depth_units_per_metre)
+
+    @property
+    def needs_units(self) -> bool:
+        """Whether the unit of the depth comes from the files next to the images."""
+        in_camera = self.camera and self.camera.units_per_metre
+        return not (self.depth_units_per_metre or in_camera)
 
     def depth_units(
         self, written: float | None = None, usual: float = DepthUnits().integers
@@ -82,12 +89,13 @@ def read_with_camera(
     Raises:
         FormatError: no intrinsics, or a fault of the images (see `read_depth`).
     """
-    written = None
-    if camera_file is not None and not (options.camera and options.depth_units_per_metre):
-        written = read_camera_file(camera_file, color.stem)
-    camera = options.camera or written
-    units = options.depth_units(written.units_per_metre if written else None, usual_units)
-    return read_pair(color, depth, camera, units)
+    camera, units = options.camera, None
+    if camera_file is not None and camera is None:
+        camera = read_camera_file(camera_file, color.stem)
+        units = camera.units_per_metre
+    elif camera_file is not None and options.needs_units:
+        units = read_units(camera_file, color.stem)
+    return read_pair(color, depth, camera, options.depth_units(units, usual_units))
 
 
 def flat_pairs(folder: Path) -> list[ImagePair]:

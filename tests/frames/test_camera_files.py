@@ -141,3 +141,28 @@ def test_focal_lengths_that_are_not_in_pixels_are_refused(lengths: tuple[float, 
 
 def test_a_wide_lens_is_read() -> None:
     assert CameraFile(20.0, 20.0, 320.0, 240.0).at(640, 480).fx == 20.0
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "units"),
+    [
+        ("depth_units_per_meter", 10000, 10000.0),
+        ("depth_factor", 5000.0, 5000.0),
+        ("png_depth_scale", 6553.5, 6553.5),
+        ("DepthMapFactor", 5000.0, 5000.0),
+        ("depth_unit_scale_factor", 0.0001, 10000.0),
+        ("integer_depth_scale", 0.001, 1000.0),
+        ("depth_units", 0.00025, 4000.0),
+        ("depth_unit", "mm", 1000.0),
+        ("depth_units", "Meters", 1.0),
+    ],
+)
+def test_the_unit_of_the_depth_has_many_names(
+    tmp_path: Path, key: str, value: object, units: float
+) -> None:
+    path = tmp_path / "camera.json"
+    path.write_text(json.dumps(NAMED | {key: value}))
+    assert read_camera_file(path).units_per_metre == pytest.approx(units)
+    path.write_text(json.dumps(NAMED | {key: "furlongs"}))
+    with pytest.raises(FormatError, match=r"furlongs.*units per metre"):
+        read_camera_file(path)

@@ -2,6 +2,7 @@
 
     depth              (H, W) float metres; whole numbers are millimetres
     K                  (3, 3); also `intrinsics_matrix`, `intrinsic_matrix`, `cam_K`
+    depth_scale, D     unit and lens distortion, by the keys of camera files; optional
     rgb                (H, W, 3) uint8 in the order **BGR**, as in Contact-GraspNet; optional
     image              (H, W, 3) uint8 RGB, as in 6-DOF GraspNet
 
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.errors import FormatError, SymgraspError
-from pipelines.frames.camera_files import CameraFile
+from pipelines.frames.camera_files import CameraFile, camera_from_mapping, units_of
 from pipelines.frames.encodings.plain_pickle import read_plain_pickle
 from pipelines.frames.layouts.layout import FoundFrame, Layout
 from pipelines.frames.rgbd import Frame, make_frame
@@ -32,6 +33,8 @@ PICKLED_NAME = "Contact-GraspNet / 6-DOF GraspNet pickles"
 CAMERA_KEYS = ("K", "intrinsics_matrix", "intrinsic_matrix", "cam_K")
 CLOUD_KEYS = ("xyz", "xyz_color")
 GREY = 128
+MOST_NUMBERS = 16  # of a camera's array: a 4x4 matrix; a lens has 14
+OBJECT_SCALE = "scale"  # in these files not the scale of the depth
 HEADER_BYTES = 256  # of a .npy; its type is in the first hundred
 PICKLES = (".npy", ".pkl", ".pickle")
 
@@ -99,8 +102,10 @@ def frame_of_arrays(path: Path, arrays: dict[str, NDArray[Any]], options: FrameO
         color = np.full((*depth.shape[:2], 3), GREY, np.uint8)
     else:
         color = _color(path, key, arrays[key])
-    camera = options.camera or _camera(path, arrays)
-    return make_frame((path, lambda: color), (path, depth), camera, options.depth_units(), notes)
+    facts = _facts(arrays)
+    camera = options.camera or _camera(path, facts)
+    units = options.depth_units(units_of(path, facts) if options.needs_units else None)
+    return make_frame((path, lambda: color), (path, depth), camera, units, notes)
 
 
 def _read(path: Path, options: FrameOptions) -> Frame:
@@ -152,12 +157,17 @@ def _color(path: Path, key: str, stored: NDArray[Any]) -> NDArray[np.uint8]:
     return np.ascontiguousarray(color[:, :, ::-1] if key == "rgb" else color)
 
 
-def _camera(path: Path, arrays: dict[str, NDArray[Any]]) -> CameraFile:
-    key = next((key for key in CAMERA_KEYS if key in arrays), None)
-    if key is None:
+def _facts(arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
+    """Return the small arrays as a camera file would hold them: camera, lens, unit of the depth."""
+    small = {key: each for key, each in arrays.items() if each.size <= MOST_NUMBERS}
+    return {key: each.tolist() for key, each in small.items() if key != OBJECT_SCALE}
+
+
+def _camera(path: Path, facts: dict[str, Any]) -> CameraFile:
+    if not any(key in facts for key in CAMERA_KEYS):
         expected = f"add one of {', '.join(CAMERA_KEYS)}, or give --intrinsics fx,fy,cx,cy"
         raise FormatError(path, "has no camera matrix", expected)
-    return CameraFile.from_matrix(path, arrays[key])
+    return camera_from_mapping(path, facts)
 
 
 LAYOUT = Layout(NAME, _find)

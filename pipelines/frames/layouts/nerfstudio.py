@@ -6,15 +6,17 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.errors import FormatError
-from pipelines.frames.camera_files import camera_from_mapping
+from pipelines.frames.camera_files import camera_from_mapping, units_of
 from pipelines.frames.layouts.layout import FoundFrame, Layout
 from pipelines.frames.rgbd import Frame, read_pair
 from pipelines.frames.rgbd_folder import FrameOptions
+from pipelines.frames.stated_units import DEPTH_KEYS
 from pipelines.storage.files import is_file, read_json
 
 INDEX = "transforms.json"
 MODELS = ("OPENCV", "OPENCV_FISHEYE", "PINHOLE", "SIMPLE_PINHOLE", "PERSPECTIVE")
 CAMERA_KEYS = ("fl_x", "fl_y", "cx", "cy", "w", "h", "k1", "k2", "k3", "k4", "p1", "p2")
+KEYS = (*CAMERA_KEYS, *DEPTH_KEYS)  # `scale` is that of the scene
 
 
 def _find(folder: Path, options: FrameOptions) -> Iterator[FoundFrame]:
@@ -37,7 +39,7 @@ def _find(folder: Path, options: FrameOptions) -> Iterator[FoundFrame]:
     for frame, stem in zip(frames, stems, strict=True):
         color, depth = (folder / frame[key] for key in ("file_path", "depth_file_path"))
         name = stem if is_unique else str(Path(frame["file_path"]).parent / stem)
-        camera = {key: frame.get(key, content.get(key)) for key in CAMERA_KEYS}
+        camera = {key: frame.get(key, content.get(key)) for key in KEYS}
         camera["camera_model"] = content.get("camera_model", "OPENCV")
         read = functools.partial(_read, color, depth, index, camera, options)
         files = (path for path in (color, depth) if is_file(path))
@@ -62,7 +64,8 @@ def _read(
         found = f"the camera model is {camera['camera_model']!r}"
         raise FormatError(index, found, f"undistort the images; {', '.join(MODELS)} are read")
     stated = options.camera or camera_from_mapping(index, dict(camera))
-    return read_pair(color, depth, stated, options.depth_units())
+    units = units_of(index, camera) if options.needs_units else None
+    return read_pair(color, depth, stated, options.depth_units(units))
 
 
 LAYOUT = Layout("nerfstudio", _find)

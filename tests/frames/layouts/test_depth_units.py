@@ -82,3 +82,36 @@ def test_a_stated_unit_wins_over_the_unit_in_a_file(
 def test_without_a_stated_unit_the_layouts_unit_is_taken() -> None:
     assert FrameOptions().depth_units(usual=5.0).integers == 5.0
     assert FrameOptions().depth_units() == DepthUnits()
+
+
+def test_arrays_may_state_their_unit_and_lens(tmp_path: Path) -> None:
+    facts = {"K": build.K.ravel(), "depth_scale": 1 / UNITS, "D": [0.1, 0.0, 0.0, 0.0]}
+    np.savez(tmp_path / "x.npz", depth=build.depth(0), rgb=build.color(0), **facts)
+    frame = find_frames(tmp_path)[0].read()
+    assert frame.units_per_metre == UNITS
+    assert frame.removed is not None
+    stated = find_frames(tmp_path, FrameOptions(depth_units_per_metre=1000.0))[0].read()
+    assert stated.units_per_metre == 1000.0
+
+
+def test_the_scale_of_an_object_in_arrays_is_no_unit(tmp_path: Path) -> None:
+    np.savez(tmp_path / "x.npz", depth=build.depth(0), K=build.K, scale=2.0)
+    assert find_frames(tmp_path)[0].read().units_per_metre == 1000.0
+
+
+def test_transforms_json_may_state_the_unit_but_its_scale_is_the_scenes(tmp_path: Path) -> None:
+    build.nerfstudio(tmp_path)
+    index = tmp_path / "transforms.json"
+    content = json.loads(index.read_text())
+    index.write_text(json.dumps(content | {"scale": 0.5}))
+    assert find_frames(tmp_path)[0].read().units_per_metre == 1000.0
+    index.write_text(json.dumps(content | {"integer_depth_scale": 1 / UNITS}))
+    assert find_frames(tmp_path)[0].read().units_per_metre == UNITS
+
+
+def test_a_stated_camera_replaces_a_file_without_one_and_keeps_its_unit(tmp_path: Path) -> None:
+    build.pair(tmp_path / "x_color.png", tmp_path / "x_depth.png", 0)
+    two = {"color": {"fx": 60.0}, "depth": {"fx": 61.0}, "depth_scale": 1 / UNITS}
+    (tmp_path / "intrinsics.json").write_text(json.dumps(two))
+    options = FrameOptions(CameraFile(*build.FOUR))
+    assert find_frames(tmp_path, options)[0].read().units_per_metre == UNITS

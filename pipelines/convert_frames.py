@@ -19,8 +19,9 @@ import numpy as np
 from pipelines.configs import ConvertFramesConfig
 from pipelines.contents import mapping_in
 from pipelines.errors import SymgraspError, ValueRangeError
+from pipelines.frames.depth_checks import MISSING_DEPTH
 from pipelines.frames.frames import find_frames
-from pipelines.frames.rgbd import MISSING_DEPTH, Frame, FrameSource
+from pipelines.frames.rgbd import Frame, FrameSource
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.runtime.batch import StageReport
 from pipelines.runtime.one_run import one_run_at_a_time

@@ -7,6 +7,7 @@ objects are as wide as a door or as narrow as a pencil, the unit is wrong (D. 12
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -31,6 +32,10 @@ LOOKS_INVERSE = (
     "in their inverse; save distances in metres, z = focal length x baseline / disparity"
 )
 SWAPPED = "objects on the flat surface appear behind it: near and far look swapped"
+MISSING_DEPTH = 65535  # saturated in 16-bit files of several sensors
+# Depth that many pixels share, this much farther than any other, may stand for missing depth, as
+# 4095 or a renderer's far plane; 35 real frames have no such depth.
+REPEATED, APART = 0.01, 1.2
 COARSE = 0.015  # of the depth: steps between neighbouring values; sensors have 0.003 at 1 m
 
 Values = NDArray[np.float64]
@@ -92,7 +97,7 @@ def depth_oddities(depth: NDArray[np.float32], focal_length: float) -> list[str]
     Each reason is a sentence; `focal_length` is in pixels.
     """
     thinned = _thinned(depth)
-    found = _steps(thinned.depth)
+    found = _steps(thinned.depth) + _far_constant(thinned.depth)
     if thinned.surface is None:
         return found
     if (swapped := _swapped(thinned)) is not None:
@@ -134,6 +139,38 @@ def _swapped(thinned: _ThinnedDepth) -> str | None:
     if flatness > FLATTER or (flatness > AS_FLAT and is_below):
         return LOOKS_INVERSE
     return SWAPPED if is_below and below > MANY_PITS * measured else None
+
+
+def nothing_measured(stored: NDArray[Any]) -> tuple[str, str]:
+    """Return the fault of stored depth without a measured pixel, and what would be right."""
+    below = float(np.mean(stored < 0))
+    if below:
+        return (
+            f"{below:.0%} of the depths are below 0 and none is above, as along OpenGL's z axis",
+            "save distances as positive numbers",
+        )
+    saturated = float(np.mean(stored == MISSING_DEPTH)) if stored.dtype.kind in "iu" else 0.0
+    if not saturated:
+        return "every pixel is missing (0, NaN or infinite)", "measure again"
+    return (
+        f"{saturated:.0%} of the pixels are 65535 and none is between 0 and 65535: the depth was "
+        "saturated when it was saved, as metres or scaled numbers are",
+        "save millimetres as whole numbers of 16 bits, or metres as floats",
+    )
+
+
+def _far_constant(depth: Values) -> list[str]:
+    """Return a sentence if many pixels share one depth far behind all others."""
+    values, counts = np.unique(depth[depth > 0], return_counts=True)
+    if len(values) < 2 or values[-1] < APART * values[-2]:
+        return []
+    share = float(counts[-1] / counts.sum())
+    if share < REPEATED:
+        return []
+    return [
+        f"{share:.0%} of the depths are {values[-1]:.5g} m and all others are at most "
+        f"{values[-2]:.3g} m: if that number stands for missing depth, save 0 instead"
+    ]
 
 
 def _steps(depth: Values) -> list[str]:

@@ -1,7 +1,7 @@
 """One RGB-D frame, read from a colour and a depth file, with every common fault detected.
 
 The depth of a frame is float32 metres with 0 = missing: 0, NaN, infinities, negative values and,
-among whole numbers, 65535 in the file all mean missing.
+among whole numbers, 65535 in the file all mean missing; so does depth beyond 100 m.
 """
 
 import functools
@@ -19,7 +19,12 @@ from pipelines.array_types import Singles
 from pipelines.errors import FormatError
 from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.camera_search import where_a_camera_may_be
-from pipelines.frames.depth_checks import LOOKS_INVERSE, is_inverse
+from pipelines.frames.depth_checks import (
+    LOOKS_INVERSE,
+    MISSING_DEPTH,
+    is_inverse,
+    nothing_measured,
+)
 from pipelines.frames.encodings.exr_files import read_exr
 from pipelines.frames.lens import Distortion, Image, displacement, distorted, undistorted
 from pipelines.geometry.camera import Intrinsics
@@ -28,11 +33,11 @@ from pipelines.storage.images import read_image
 
 log = logging.getLogger(__name__)
 
-MISSING_DEPTH = 65535  # saturated in 16-bit files of several sensors
 CANDIDATE_UNITS = (1000.0, 10000.0, 5000.0, 1.0)  # mm; 0.1 mm; TUM; metres
 NEAREST_SHARE = 0.3  # far background must not hide a table near the camera
 SAMPLE = 20_000  # pixels are enough for a median
 LIKELY_DEPTH = (0.15, 4.0)  # m, of the median of the nearest share
+FARTHEST_DEPTH = 100.0  # m; farther numbers stand for missing depth, as Blender's 1e10
 CLOSEST_DEPTH = 0.05  # m, of the same; a RealSense D405 on a wrist measures from 0.07
 
 
@@ -196,12 +201,14 @@ def _metres(path: Path, stored: NDArray[Any], units: DepthUnits) -> tuple[Single
     if not is_float:
         valid &= stored != MISSING_DEPTH
     if not valid.any():
-        raise FormatError(path, *_nothing_measured(stored))
+        raise FormatError(path, *nothing_measured(stored))
     values[~valid] = 0.0
     unit = units.floats if is_float else units.integers
     depth = values / np.float32(unit)
     if not units.is_certain:
         _check_plausible(path, values, depth, units)
+    if (is_near := depth <= FARTHEST_DEPTH).any():
+        depth[~is_near] = 0.0
     return depth, unit
 
 
@@ -239,18 +246,6 @@ def stored_depth(path: Path) -> NDArray[Any]:
             return read_exr(path)
         case _:
             return read_image(path)
-
-
-def _nothing_measured(stored: NDArray[Any]) -> tuple[str, str]:
-    """Return the fault of depth without a measured pixel, and what would be right."""
-    saturated = float(np.mean(stored == MISSING_DEPTH)) if stored.dtype.kind in "iu" else 0.0
-    if not saturated:
-        return "every pixel is missing (0, NaN or infinite)", "measure again"
-    return (
-        f"{saturated:.0%} of the pixels are 65535 and none is between 0 and 65535: the depth was "
-        "saturated when it was saved, as metres or scaled numbers are",
-        "save millimetres as whole numbers of 16 bits, or metres as floats",
-    )
 
 
 def _check_plausible(path: Path, values: NDArray[Any], depth: Singles, units: DepthUnits) -> None:

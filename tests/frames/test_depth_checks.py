@@ -84,6 +84,32 @@ def test_disparity_beyond_the_range_is_not_taken_for_another_unit(tmp_path: Path
         read_depth(tmp_path / "d.png", DepthUnits())
 
 
+@pytest.mark.parametrize("far", [1e10, 2**32 - 1])
+def test_depth_beyond_every_room_is_missing(tmp_path: Path, far: float) -> None:
+    stored = table(0.4).astype(np.float64)
+    stored[:9] = far
+    np.save(tmp_path / "x.npy", stored)
+    depth = read_depth(tmp_path / "x.npy", DepthUnits())
+    assert (depth[:9] == 0).all()
+    assert (depth[9:] > 0).all()
+
+
+def test_one_depth_of_many_pixels_far_behind_all_others_is_reported() -> None:
+    depth = table(0.4)
+    depth[:1] = 4.095
+    assert warnings_of(depth) == []
+    depth[:9] = 4.095
+    (sentence,) = warnings_of(depth)
+    assert "4.095 m" in sentence
+    assert "save 0" in sentence
+
+
+def test_negative_depth_is_reported_as_such(tmp_path: Path) -> None:
+    np.save(tmp_path / "x.npy", -table(0.4))
+    with pytest.raises(FormatError, match=r"100% of the depths are below 0.*positive"):
+        read_depth(tmp_path / "x.npy", DepthUnits())
+
+
 @pytest.mark.skipif(not CASES.exists(), reason="needs ../shared/cases")
 def test_the_shared_cases_are_reported() -> None:
     frame = find_frames(CASES / "inverse_depth")[0].read()

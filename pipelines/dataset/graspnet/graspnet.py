@@ -28,8 +28,9 @@ from pipelines.dataset.graspnet.graspnet_layout import (
 )
 from pipelines.errors import FormatError, SymgraspError, UnknownNameError
 from pipelines.frames.camera_files import CameraFile, read_camera_file
+from pipelines.frames.depth_checks import MISSING_DEPTH
 from pipelines.frames.graspnet_scene import CAMERAS, ObjectPose, read_poses
-from pipelines.frames.rgbd import MISSING_DEPTH, DepthUnits, Frame, read_depth, read_pair
+from pipelines.frames.rgbd import DepthUnits, Frame, read_depth, read_pair
 from pipelines.geometry.camera import Intrinsics
 from pipelines.storage.images import read_image, write_image
 from pipelines.storage.unfinished import refuse_unfinished

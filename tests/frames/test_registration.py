@@ -129,3 +129,21 @@ def test_noise_takes_no_more_memory_than_a_piece() -> None:
     _match_at_offsets(changes, np.ones_like(changes))
     assert tracemalloc.get_traced_memory()[1] < 2e8  # bytes; all offsets of all pixels take 5e8
     tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    ("size", "center"),
+    [((848, 480), (640.0, 360.0)), ((848, 480), (320.0, 240.0)), ((480, 640), (320.0, 240.0))],
+)
+def test_a_camera_of_another_image_size_or_of_the_turned_image_is_reported(
+    size: tuple[int, int], center: tuple[float, float]
+) -> None:
+    depth = np.zeros(size[::-1], np.float32)
+    frame = Frame(
+        "x", np.zeros((*depth.shape, 3), np.uint8), depth, Intrinsics(600, 600, *center, *size)
+    )
+    assert any("principal point" in sentence for sentence in oddities(frame))
+    middle = Intrinsics(600, 600, 0.52 * size[0], 0.48 * size[1], *size)
+    assert not any(
+        "principal" in sentence for sentence in oddities(replace(frame, intrinsics=middle))
+    )

@@ -4,6 +4,7 @@
 for 16UC1 the depth; for 32FC1 the inverse depth, scaled by two parameters in the twelve bytes.
 """
 
+import re
 import struct
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ CHANNELS = {"rgb8": 3, "bgr8": 3, "rgba8": 4, "bgra8": 4}
 GREYS = ("mono8", "8UC1")
 PLUGINS = ("compressed", "compressedDepth")  # last part of a topic's name, after the raw topic
 COLOR_WORDS = ("color", "rgb", "image_raw_color")
+INFRARED = re.compile(r"ir\d?|infra(red)?\d?")
 PARAMETERS = struct.Struct("<iff")  # format, and A and B of value = A / depth + B
 
 
@@ -34,7 +36,8 @@ def shown_by(topic: str, image: Any) -> str:  # noqa: ANN401 - an extra's
     encoding, _, packed = _formats(image)
     if not packed:
         if encoding in DEPTH_ENCODINGS:
-            return "depth"
+            is_infrared = encoding != "32FC1" and _shows_infrared(topic)
+            return "" if is_infrared else "depth"
         if encoding in GREYS and _shows_depth(topic):
             return "lossy depth"
         return "color" if encoding in COLOR_ENCODINGS else ""
@@ -88,6 +91,12 @@ def _shows_depth(topic: str) -> bool:
         if at:
             return min(at, key=lambda word: at[word]) == "depth"
     return False
+
+
+def _shows_infrared(topic: str) -> bool:
+    """Return whether `topic` names infrared images, whose 16 bits are intensities, and no depth."""
+    words = re.split(r"[/_]", raw_topic(topic).lower())
+    return "depth" not in words and any(INFRARED.fullmatch(word) for word in words)
 
 
 def _raw(path: Path, image: Any, encoding: str) -> NDArray[Any]:  # noqa: ANN401 - an extra's

@@ -140,11 +140,7 @@ def read_camera_file(path: Path, frame: str = "") -> CameraFile:
 
 
 def read_units(path: Path, frame: str = "") -> float | None:
-    """Return the unit in a camera file, None if it states none; it need not hold a camera.
-
-    Raises:
-        FormatError: the file is damaged.
-    """
+    """Return the unit in a camera file, None if it states none; it need not hold a camera."""
     match path.suffix.lower():
         case ".json" | ".intr" | ".yml" | ".yaml":
             content = _content(path, frame)
@@ -196,6 +192,9 @@ def camera_from_mapping(path: Path, content: Any) -> CameraFile:  # noqa: ANN401
         elif matrix is not None:
             return CameraFile.from_matrix(path, _matrix(path, matrix), **facts)
         missing = [name for name, value in values.items() if value is None]
+        if missing and len(several := _cameras_below(content)) > 1:
+            found = f"holds the cameras {', '.join(several)}"
+            raise FormatError(path, found, "give that of the depth image as --intrinsics")
         if missing:
             raise FormatError(path, f"lacks {', '.join(missing)}", FORMS)
         fx, fy, cx, cy = (float(value) for value in values.values())
@@ -214,14 +213,19 @@ def may_hold_camera(path: Path) -> bool:
 
 
 def _with_camera(content: dict[str, Any]) -> dict[str, Any]:
-    """Return the mapping that holds the camera: `content`, with the only such mapping below it.
+    """Return `content` with the only mapping below it that holds a camera, if it holds none itself.
 
     Examples are `{"cam0": {...}}` of Kalibr, and `{"intrinsics": {"fx": ...}}`.
     """
     if _states_a_camera(content):
         return content
-    below = [each for each in content.values() if isinstance(each, dict) and _states_a_camera(each)]
-    return {**content, **below[0]} if len(below) == 1 else content
+    below = _cameras_below(content)
+    return {**content, **content[below[0]]} if len(below) == 1 else content
+
+
+def _cameras_below(content: dict[str, Any]) -> list[str]:
+    """Return the keys of the mappings in `content` that hold a camera."""
+    return [k for k, each in content.items() if isinstance(each, dict) and _states_a_camera(each)]
 
 
 def _states_a_camera(content: dict[str, Any]) -> bool:

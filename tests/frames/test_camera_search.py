@@ -9,8 +9,10 @@ import pytest
 
 from pipelines.errors import FormatError
 from pipelines.frames import camera_search, rgbd_folder
+from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.camera_search import MOST_BYTES, MOST_FILES, find_camera_file
 from pipelines.frames.frames import find_frames
+from pipelines.frames.rgbd_folder import FrameOptions
 from tests.frames.layouts import build
 
 NAMED = {"fx": 60.0, "fy": 61.0, "cx": 23.5, "cy": 17.5}
@@ -111,3 +113,32 @@ def test_the_shared_camera_info_is_read() -> None:
     frame = find_frames(CASE)[0].read()
     assert frame.intrinsics.fx == pytest.approx(517.62, abs=0.01)
     assert frame.removed is not None
+
+
+def cameras(folder: Path, **lengths: float) -> None:
+    for image, fx in lengths.items():
+        (folder / f"{image}_camera.json").write_text(json.dumps(NAMED | {"fx": fx}))
+
+
+def test_a_frame_with_two_cameras_is_refused_unless_they_are_equal(tmp_path: Path) -> None:
+    build.pair(tmp_path / "color.png", tmp_path / "depth.png", 0)
+    cameras(tmp_path, color=70.0, depth=60.0)
+    with pytest.raises(FormatError, match=r"depth_camera.json are two cameras.*--intrinsics"):
+        find_frames(tmp_path)[0].read()
+    stated = FrameOptions(CameraFile(*build.FOUR))
+    assert find_frames(tmp_path, stated)[0].read().intrinsics.fx == build.FOUR[0]
+    cameras(tmp_path, color=60.0)
+    assert find_frames(tmp_path)[0].read().intrinsics.fx == 60.0
+
+
+def test_the_camera_file_of_the_depth_image_is_read(tmp_path: Path) -> None:
+    build.pair(tmp_path / "0_color.png", tmp_path / "0_depth.png", 0)
+    cameras(tmp_path, **{"0_depth": 65.0})
+    assert find_frames(tmp_path)[0].read().intrinsics.fx == 65.0
+
+
+def test_a_file_of_several_cameras_is_described_as_such(bare: Path) -> None:
+    content = {"color": NAMED, "depth": NAMED, "serial": 7}
+    (bare / "intrinsics.json").write_text(json.dumps(content))
+    with pytest.raises(FormatError, match=r"holds the cameras color, depth; give that"):
+        find_frames(bare)[0].read()

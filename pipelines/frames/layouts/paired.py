@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipelines.errors import FormatError
+from pipelines.frames.camera_files import read_camera_file
 from pipelines.frames.camera_search import own_camera_file, shared_camera_file
 from pipelines.frames.layouts.layout import FoundFrame
 from pipelines.frames.rgbd import Frame
@@ -43,7 +44,8 @@ class Pairing:
         found = next((path for path in usual if path.is_file()), None)
         # image_color.png is a frame without a name, whose camera is image_camera.json.
         first = pair.color and pair.color.stem.partition("_")[0]
-        for stem in (pair.stem or first, pair.color and pair.color.stem):
+        images = (each and each.stem for each in (pair.color, pair.depth))
+        for stem in (pair.stem or first, *images):
             found = found or (own_camera_file(folder, stem) if stem else None)
         return found or shared
 
@@ -82,7 +84,22 @@ def read_paired(pair: ImagePair, camera: Path | None, options: FrameOptions) -> 
             f"has no {missing} image next to it",
             "both have one name, as x_color.png and x_depth.png, or rgb/x.png and depth/x.png",
         )
+    if camera is not None and options.camera is None:
+        _refuse_two_cameras(camera, pair.depth)
     return read_with_camera(pair.color, pair.depth, camera, options)
+
+
+def _refuse_two_cameras(camera: Path, depth: Path) -> None:
+    """Raise a FormatError if `depth` has a camera file of its own that states another camera."""
+    other = own_camera_file(depth.parent, depth.stem)
+    if other is None or other == camera:
+        return
+    one, two = (read_camera_file(path, depth.stem) for path in (camera, other))
+    if (one.fx, one.fy, one.cx, one.cy) != (two.fx, two.fy, two.cx, two.cy):
+        expected = (
+            "give that of the depth image, or of the colour it is registered to, as --intrinsics"
+        )
+        raise FormatError(camera, f"and {other.name} are two cameras of one frame", expected)
 
 
 BOP_CAMERAS = ("camera.json", "camera_data.json")

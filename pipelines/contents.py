@@ -87,7 +87,9 @@ def json_value(
 
 
 def parsed_json(data: bytes, *, by_hand: bool = False) -> Any:  # noqa: ANN401 - JSON
-    """Return the value of JSON in UTF-8; `by_hand`: names must not be repeated in an object.
+    """Return the value of JSON in UTF-8, after the byte order mark that editors on Windows add.
+
+    `by_hand`: names must not be repeated in an object.
 
     Raises:
         RepeatedNameError: a name is repeated.
@@ -95,7 +97,7 @@ def parsed_json(data: bytes, *, by_hand: bool = False) -> Any:  # noqa: ANN401 -
         RecursionError: nested too deep.
     """
     hook = _with_distinct_names if by_hand else None
-    content = json.loads(data.decode(), object_pairs_hook=hook)
+    content = json.loads(data.decode("utf-8-sig"), object_pairs_hook=hook)
     if b"\\ud" in data.lower():
         json.dumps(content, ensure_ascii=False).encode()
     return content

@@ -90,6 +90,7 @@ def test_json_within_the_limits_is_read_and_larger_json_is_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     assert json_value("f", b'{"a": [1, 2]}') == {"a": [1, 2]}
+    assert json_value("f", b'\xef\xbb\xbf{"a": [1, 2]}') == {"a": [1, 2]}
     deep = ("[" * 101 + "]" * 101).encode()
     with pytest.raises(FormatError, match="too deep"):
         json_value("f", deep)

@@ -282,7 +282,7 @@ def _matrix(path: Path, stored: list[Any] | dict[str, Any]) -> Array:
 
 def _from_numbers(path: Path) -> CameraFile:
     try:
-        text = existing(path).read_text(encoding="utf-8")
+        text = existing(path).read_text(encoding="utf-8-sig")
         numbers = np.array(re.split(r"[,\s]+", text.strip()), dtype=np.float64)
     except ValueError as error:
         raise FormatError(path, f"holds a value that is no number ({error})", FORMS) from error

@@ -166,3 +166,14 @@ def test_the_unit_of_the_depth_has_many_names(
     path.write_text(json.dumps(NAMED | {key: "furlongs"}))
     with pytest.raises(FormatError, match=r"furlongs.*units per metre"):
         read_camera_file(path)
+
+
+@pytest.mark.parametrize(("name", "content", "units"), FORMS[:2] + FORMS[-2:])
+def test_a_byte_order_mark_does_no_harm(
+    tmp_path: Path, name: str, content: object, units: float | None
+) -> None:
+    text = content if isinstance(content, str) else json.dumps(content)
+    (tmp_path / name).write_text(text, encoding="utf-8-sig")
+    camera = read_camera_file(tmp_path / name)
+    assert (camera.fx, camera.fy, camera.cx, camera.cy) == FOUR
+    assert camera.units_per_metre == units

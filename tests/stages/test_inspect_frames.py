@@ -78,6 +78,7 @@ def test_the_command_prints_on_stdout_and_writes_no_file(two_layouts: Path) -> N
     result = CliRunner().invoke(app, ["inspect", str(two_layouts), "--intrinsics", "60,61,23,17"])
     assert result.exit_code == 0
     assert "fx 60, fy 61, cx 23, cy 17" in result.stdout
+    assert f"next: symgrasp infer {two_layouts} --intrinsics 60,61,23,17\n" in result.stderr
     assert sorted(two_layouts.rglob("*")) == before
     result = CliRunner().invoke(app, ["inspect", str(two_layouts), "--depth-units-per-metre", "1"])
     assert result.exit_code == 1

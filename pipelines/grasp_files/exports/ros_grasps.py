@@ -17,6 +17,7 @@ FORMAT_VERSION = 2
 # Unix times of 2001 or later in frames' names: seconds with decimals (TUM), milli-, micro- or
 # nanoseconds (bags), after zeros.
 SECONDS = re.compile(r"(?<!\d)0*([1-9]\d{9})\.(\d{1,9})(?!\d)")
+LATEST = 2**31 - 1  # seconds of a builtin_interfaces/Time, an int32; larger numbers are no time
 WHOLE = re.compile(r"(?<!\d)0*([1-9]\d{12}|[1-9]\d{15}|[1-9]\d{18})(?!\d)")
 
 
@@ -50,12 +51,14 @@ def write_frame(path: Path, frame: FrameGrasps, header: ExportHeader) -> None:
 def time_of(name: str) -> dict[str, int]:
     """Return the time in the frame's name, as frames of bags and of TUM have it, else 0."""
     last = PurePosixPath(name).name
+    sec = nanosec = 0
     if found := SECONDS.search(last):
-        return {"sec": int(found[1]), "nanosec": int(found[2].ljust(9, "0"))}
-    if found := WHOLE.search(last):
+        sec, nanosec = int(found[1]), int(found[2].ljust(9, "0"))
+    elif found := WHOLE.search(last):
         sec, nanosec = divmod(int(found[1].ljust(19, "0")), 10**9)
-        return {"sec": sec, "nanosec": nanosec}
-    return {"sec": 0, "nanosec": 0}
+    if sec > LATEST:
+        sec = nanosec = 0
+    return {"sec": sec, "nanosec": nanosec}
 
 
 def _poses(frame: FrameGrasps) -> list[dict[str, Any]]:

@@ -44,6 +44,8 @@ def test_the_pose_array_has_the_messages_fields(tmp_path):
         ("scenes/scene_0100/realsense/0000", 0, 0),
         ("1305031102.175304/000001", 0, 0),
         ("20240131_123456", 0, 0),
+        ("part-4123456789012", 0, 0),  # beyond an int32
+        ("9123456789.5", 0, 0),
     ],
 )
 def test_the_stamp_is_the_time_in_a_frames_name(name, sec, nanosec):

@@ -1,5 +1,6 @@
 """Colour and depth images paired by their names, in one folder or in two sister folders."""
 
+import os
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ ALONE = re.compile(rf"({WORD})(?:_image)?|image_({WORD})", re.IGNORECASE)
 ENDING = re.compile(rf"(.+)[-_.]({WORD})", re.IGNORECASE)
 BEGINNING = re.compile(rf"({WORD})[-_.](.+)", re.IGNORECASE)
 COLOR_FOLDERS = ("rgb", "color", "image", "images", "gray")
+UNREAD_IMAGE_SUFFIXES = (".jpg", ".jpeg", ".bmp", ".webp", ".ppm", ".pgm", ".gif", ".heic", ".raw")
 # Rests of the names of arrays that hold facts about the images, such as depth_scale.npy.
 FACTS = re.compile("(camera[-_.])?((?i:matrix|params|scale|units?|(in|ex)trinsics?)|K)")
 ImageFiles = dict[str, list[Path]]  # by the rest of the name; the first file is taken
@@ -209,11 +211,34 @@ def sister_pairs(folder: Path, suffix: str = "") -> list[ImagePair]:
 
     `suffix`: suffix of the names of both folders.
     """
-    depth_folder = folder / f"depth{suffix}"
-    named = (folder / f"{name}{suffix}" for name in COLOR_FOLDERS)
-    color_folder = next((path for path in named if path.is_dir()), None)
-    if color_folder is None or not depth_folder.is_dir():
+    color_folder = _sister(folder, COLOR_FOLDERS, suffix)
+    depth_folder = _sister(folder, ("depth",), suffix)
+    if color_folder is None or depth_folder is None:
         return []
     colors = _by_stem(color_folder.iterdir(), COLOR_SUFFIXES)
     depths = _by_stem(depth_folder.iterdir(), DEPTH_SUFFIXES)
     return _paired(colors, depths)
+
+
+def _sister(folder: Path, names: Iterable[str], suffix: str = "") -> Path | None:
+    """Return the first folder in `folder` with one of `names`, in the usual letter cases."""
+    cased = (each for name in names for each in (name, name.capitalize(), name.upper()))
+    found = (folder / f"{name}{suffix}" for name in cased)
+    return next((path for path in found if path.is_dir()), None)
+
+
+def unread_partner(image: Path, missing: str) -> Path | None:
+    """Return a file in the place of the `missing` image, `depth` or `color`, that is not read.
+
+    Its suffix is not read, or it is a broken link or a folder.
+    """
+    words, folders = (("depth",),) * 2 if missing == "depth" else (COLOR_WORDS, COLOR_FOLDERS)
+    word = _word_and_rest(image.stem)[0]
+    at = image.stem.lower().rfind(word)
+    head, tail = image.stem[:at], image.stem[at + len(word) :]
+    places = [image.parent / f"{head}{each}{tail}" for each in words if word]
+    if (sister := _sister(image.parent.parent, folders)) is not None and not word:
+        places.append(sister / image.stem)
+    suffixes = {*UNREAD_IMAGE_SUFFIXES, *(DEPTH_SUFFIXES if missing == "depth" else COLOR_SUFFIXES)}
+    named = (Path(f"{place}{suffix}") for place in places for suffix in sorted(suffixes))
+    return next((path for path in named if os.path.lexists(path)), None)

@@ -54,5 +54,6 @@ def _missing(folder: Path, files: list[Path]) -> str:
         return "no name has the word depth"
     others = sorted(set(images) - set(depths))
     if not others:
-        return f"no colour image goes with {depths[0].name}"
-    return f"{depths[0].name} and {others[0].name} are no pair by their names"
+        return f"no colour image goes with {depths[0].relative_to(folder)}"
+    first, other = (path.relative_to(folder) for path in (depths[0], others[0]))
+    return f"{first} and {other} are no pair by their names"

@@ -4,8 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.errors import SymgraspError
+from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.frames import find_frames
+from pipelines.frames.rgbd import FrameSource
+from tests.frames.layouts import build
 
 
 @pytest.mark.parametrize(
@@ -33,3 +35,53 @@ def test_the_files_of_the_folder_and_the_missing_ones_are_named(
         find_frames(tmp_path)
     assert sentence in str(caught.value)
     assert "put x_color.png next to x_depth.png" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("there", "place", "named"),
+    [
+        ("x_depth.png", "x_color.webp", "no colour image next to it but x_color.webp"),
+        ("X_Depth.png", "X_rgb.ppm", "no colour image next to it but X_rgb.ppm"),
+        ("depth/7.png", "color/7.gif", "no colour image next to it but 7.gif"),
+    ],
+)
+def test_a_file_in_the_place_of_an_image_is_named(
+    tmp_path: Path, there: str, place: str, named: str
+) -> None:
+    build.pair(tmp_path / "whole_color.png", tmp_path / "whole_depth.png", 0)
+    build.image(tmp_path / there, build.depth(0))
+    (tmp_path / place).parent.mkdir(exist_ok=True)
+    (tmp_path / place).write_bytes(b"GIF")
+    if "/" in there:
+        (tmp_path / "whole_color.png").unlink()
+        (tmp_path / "whole_depth.png").unlink()
+    faults = [_fault(source) for source in find_frames(tmp_path)]
+    assert any(named in fault for fault in faults)
+
+
+def test_a_broken_link_in_the_place_of_an_image_is_named(tmp_path: Path) -> None:
+    build.image(tmp_path / "x_color.png", build.color(0))
+    (tmp_path / "x_depth.png").symlink_to(tmp_path / "moved.png")
+    (source,) = find_frames(tmp_path)
+    assert "but x_depth.png, which is not read" in _fault(source)
+
+
+def _fault(source: FrameSource) -> str:
+    try:
+        source.read()
+    except FormatError as error:
+        return str(error)
+    return ""
+
+
+def test_folders_of_images_have_any_usual_letter_case(tmp_path: Path) -> None:
+    build.pair(tmp_path / "RGB/0.png", tmp_path / "Depth/0.png", 0)
+    (source,) = find_frames(tmp_path)
+    assert source.layout == "colour and depth folders"
+    assert source.name == "0"
+
+
+def test_images_that_are_no_pair_are_named_with_their_folders(tmp_path: Path) -> None:
+    build.pair(tmp_path / "left/0.png", tmp_path / "aligned_depth/0.png", 0)
+    with pytest.raises(SymgraspError, match=r"aligned_depth/0.png and left/0.png are no pair"):
+        find_frames(tmp_path)

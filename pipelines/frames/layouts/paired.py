@@ -4,6 +4,7 @@ import functools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NoReturn
 
 from pipelines.errors import FormatError
 from pipelines.frames.camera_files import read_camera_file
@@ -16,6 +17,7 @@ from pipelines.frames.rgbd_folder import (
     flat_pairs,
     read_with_camera,
     sister_pairs,
+    unread_partner,
 )
 
 LONGEST_LOOK = 100_000  # bytes of a camera file that are searched for its key
@@ -77,16 +79,27 @@ def read_paired(pair: ImagePair, camera: Path | None, options: FrameOptions) -> 
             "give each frame a name of its own, as x_color.png and x_depth.png",
         )
     if pair.depth is None or pair.color is None:
-        present = pair.color or pair.depth
-        missing = "depth" if pair.depth is None else "colour"
-        raise FormatError(
-            str(present),
-            f"has no {missing} image next to it",
-            "both have one name, as x_color.png and x_depth.png, or rgb/x.png and depth/x.png",
-        )
+        _refuse_lone(pair)
     if camera is not None and options.camera is None:
         _refuse_two_cameras(camera, pair.depth)
     return read_with_camera(pair.color, pair.depth, camera, options)
+
+
+def _refuse_lone(pair: ImagePair) -> NoReturn:
+    """Raise a FormatError on the missing image of a pair, naming a file in its place."""
+    present, missing, word, kinds = (
+        (pair.color, "depth", "depth", "a 16-bit PNG or TIFF, .npy, .npz or .exr")
+        if pair.depth is None
+        else (pair.depth, "colour", "color", "PNG, JPEG, BMP or TIFF")
+    )
+    if present is not None and (other := unread_partner(present, word)) is not None:
+        found = f"has no {missing} image next to it but {other.name}, which is not read"
+        raise FormatError(present, found, f"save {missing} as {kinds}")
+    raise FormatError(
+        str(present),
+        f"has no {missing} image next to it",
+        "both have one name, as x_color.png and x_depth.png, or rgb/x.png and depth/x.png",
+    )
 
 
 def _refuse_two_cameras(camera: Path, depth: Path) -> None:
@@ -128,4 +141,4 @@ PRINCETON = Pairing(
 )
 GQCNN = Pairing("gqcnn", ("*.intr",), flat_pairs)
 FLAT = Pairing("flat pairs", ("*",), flat_pairs)
-SISTERS = Pairing("colour and depth folders", ("depth",), sister_pairs)
+SISTERS = Pairing("colour and depth folders", ("depth", "Depth", "DEPTH"), sister_pairs)

@@ -9,6 +9,7 @@ other layouts and resumes after a kill; your own loop is useful if each frame ne
 
 import argparse
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -41,23 +42,30 @@ def as_json(grasps: Grasps) -> str:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Write a file for each frame."""
+    """Write a file for each frame; exit with 1 if a frame has none."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("frames", type=Path)
     parser.add_argument("--out", type=Path, default=Path("grasps"))
     parser.add_argument("--gripper", default="rg2")
     options = parser.parse_args(arguments)
+    color_paths = sorted(options.frames.glob("*_color.png"))
+    if not color_paths:
+        parser.error(f"{options.frames} holds no NAME_color.png")
     options.out.mkdir(parents=True, exist_ok=True)
     detector = GraspDetector(options.gripper)
-    for color_path in sorted(options.frames.glob("*_color.png")):
+    failed = False
+    for color_path in color_paths:
         name = color_path.name.removesuffix("_color.png")
         try:
             grasps = grasps_in(color_path, detector)
         except (SymgraspError, OSError, ValueError) as error:
             print(f"{name}: {error}")
+            failed = True
             continue
         (options.out / f"{name}.json").write_text(as_json(grasps), encoding="utf-8")
         print(f"{name}: {len(grasps)} grasps {grasps.message}".rstrip())
+    if failed:
+        sys.exit(1)
 
 
 if __name__ == "__main__":

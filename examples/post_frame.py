@@ -42,5 +42,7 @@ if __name__ == "__main__":
         sys.exit(f"no server answers ({error.reason}); `symgrasp serve` says when it is ready")
     except (OSError, HTTPException) as error:  # a time-out, or the server ended meanwhile
         sys.exit(f"no answer ({error})")
+    if not found["grasps"]:
+        print(found["message"] or "no grasps")
     for grasp in found["grasps"][:3]:
         print(grasp["rank_score"], grasp["opening"], grasp["pose"])

@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pytest
 
 from examples import folder_loop
 from pipelines.geometry.transforms import nearest_orthogonal
@@ -21,7 +22,8 @@ def test_each_frame_has_its_poses_and_a_damaged_frame_is_passed_over(tmp_path, m
         write_json(frames / f"{name}_camera.json", camera | {"depth_scale": 10000})
     (frames / "b_depth.png").write_bytes(b"torn")
     (frames / "c_camera.json").unlink()
-    folder_loop.main([str(frames), "--out", str(out), "--gripper", "franka"])
+    with pytest.raises(SystemExit, match="1"):
+        folder_loop.main([str(frames), "--out", str(out), "--gripper", "franka"])
     assert [path.name for path in out.iterdir()] == ["a.json"]
     written = json.loads((out / "a.json").read_text(encoding="utf-8"))
     assert written["gripper"] == "franka"
@@ -31,6 +33,13 @@ def test_each_frame_has_its_poses_and_a_damaged_frame_is_passed_over(tmp_path, m
     np.testing.assert_allclose(nearest_orthogonal(poses[:, :3, :3]), poses[:, :3, :3], atol=1e-5)
     lines = capsys.readouterr().out.splitlines()
     assert [line.split(":")[0] for line in lines] == ["a", "b", "c"]
+
+
+def test_a_folder_without_frames_is_reported(tmp_path, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        folder_loop.main([str(tmp_path / "typo"), "--out", str(tmp_path / "out")])
+    assert capsys.readouterr().err.endswith("typo holds no NAME_color.png\n")
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_frame_without_its_own_camera_has_that_of_all_frames(tmp_path, monkeypatch):

@@ -1,11 +1,15 @@
 """The example that posts a frame, at servers that end in the middle of it."""
 
 import errno
+import json
 import os
+import runpy
 import socket
 import struct
 import subprocess
 import sys
+import urllib.request
+from io import BytesIO
 
 import pytest
 
@@ -13,6 +17,19 @@ from examples import post_frame
 
 RESET = struct.pack("ii", 1, 0)  # of SO_LINGER: closing resets the connection
 PART = b"HTTP/1.1 200 OK\r\nContent-Length: 99\r\n\r\n{"
+
+
+def test_a_frame_without_grasps_is_printed_with_its_reason(tmp_path, monkeypatch, capsys):
+    found = {"grasps": [], "message": "nothing stands out"}
+    monkeypatch.setattr(
+        urllib.request, "urlopen", lambda *_a, **_k: BytesIO(json.dumps(found).encode())
+    )
+    files = [tmp_path / name for name in ("color", "depth", "camera")]
+    for path in files:
+        path.write_text("{}")
+    monkeypatch.setattr(sys, "argv", ["post_frame.py", *map(str, files)])
+    runpy.run_path(post_frame.__file__, run_name="__main__")
+    assert capsys.readouterr().out == "nothing stands out\n"
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ from pipelines.dataset.training.affordance_labels import AffordanceLabels
 from pipelines.errors import FormatError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import sample_surface
+from pipelines.geometry.numerics.strides import strided_at_least
 from pipelines.geometry.region_masks import RegionInstance, visible_regions
 from pipelines.geometry.transforms import rotate_vectors, transform_points
 from pipelines.metrics.grasp_verdicts import TrueObject, TrueScene
@@ -123,4 +124,4 @@ def region_points(instance: RegionInstance, scene: TrueScene, intrinsics: Intrin
     inside &= np.einsum("ni,ni->n", points, normals) < 0
     inside[inside] = instance.mask[pixels[inside, 1], pixels[inside, 0]]
     seen = points[inside] if inside.sum() >= MIN_ERROR_POINTS else points
-    return np.asarray(seen[:: max(1, len(seen) // ERROR_POINTS)])
+    return strided_at_least(seen, ERROR_POINTS)

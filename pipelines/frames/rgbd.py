@@ -28,6 +28,7 @@ from pipelines.frames.depth_checks import (
 from pipelines.frames.encodings.exr_files import read_exr
 from pipelines.frames.lens import Distortion, Image, displacement, distorted, undistorted
 from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.numerics.strides import strided_at_least
 from pipelines.storage.array_files import read_npy, read_npz
 from pipelines.storage.images import read_image
 
@@ -281,6 +282,6 @@ def _close_views(depth: Singles) -> tuple[str, ...]:
 def _nearest_median(depth: Singles) -> float:
     """Return the median of the nearest share of the depths (H, W); 0 = missing."""
     depth = depth[depth > 0]
-    depth = depth[:: max(1, depth.size // SAMPLE)]
+    depth = strided_at_least(depth, SAMPLE)
     count = max(1, int(NEAREST_SHARE * depth.size))
     return float(np.median(np.partition(depth, count - 1)[:count]))

@@ -13,6 +13,7 @@ from pipelines.array_types import Mask
 from pipelines.configs import ColorConfig, InferConfig
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.numerics.quantiles import median, quantiles
+from pipelines.geometry.numerics.strides import strided_at_least
 from pipelines.inference.regions import Depth, Region
 from pipelines.tabletop.regions.color import ColorPieces
 from pipelines.tabletop.regions.pieces import box_of
@@ -107,7 +108,7 @@ class _ColorCompletion:
         at = np.flatnonzero(mask & (self.depth > 0))
         if plane is None or not len(at):
             return plane is not None
-        at = at[:: max(1, len(at) // SAMPLE)]
+        at = strided_at_least(at, SAMPLE)
         rows, columns = np.divmod(at, mask.shape[1])
         z, camera = self.depth.ravel()[at].astype(np.float64), self.intrinsics
         x, y = (columns - camera.cx) * z / camera.fx, (rows - camera.cy) * z / camera.fy

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pipelines.array_types import Array, Indices
+from pipelines.geometry.numerics.strides import strided_at_least
 from pipelines.geometry.symmetry import ReflectionSymmetry
 from pipelines.geometry.symmetry_icp.surface import FreeSpace, SeenSurface, ramp
 from pipelines.geometry.transforms import basis_from_direction, unit
@@ -140,7 +141,7 @@ class _PlaneSearch:
         """Return the points that are mirrored and the points that their images meet."""
         plane = ReflectionSymmetry(normal, self.mean + offset * normal)
         points, normals = self.surface.points, self.surface.normals
-        some = np.arange(0, len(points), max(1, len(points) // MAX_QUERIES))
+        some = strided_at_least(np.arange(len(points)), MAX_QUERIES)
         away, met = self._nearest(plane.counterpart(points[some]), self.voxel)
         hit = np.flatnonzero(np.isfinite(away))
         moved, met, away = some[hit], met[hit], away[hit]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pipelines.array_types import Array, Indices
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.geometry.numerics.quantiles import quantiles
+from pipelines.geometry.numerics.strides import strided_at_least
 from pipelines.geometry.transforms import basis_from_direction, unit
 from pipelines.grasping.candidates.candidates import GraspCandidates
 from pipelines.grasping.feasibility.feasibility import Feasibility
@@ -135,7 +136,7 @@ def _boundary(inside: NDArray[np.uint8]) -> tuple[Array, Array]:
     if not long:
         return np.zeros((0, 2)), np.zeros((0, 2))
     cells = np.concatenate(long).astype(np.int64)
-    cells = np.ascontiguousarray(cells[:: max(1, len(cells) // MAX_BOUNDARY)])
+    cells = np.ascontiguousarray(strided_at_least(cells, MAX_BOUNDARY))
     smooth = np.asarray(cv2.GaussianBlur(inside.astype(np.float64), (0, 0), 2.0), np.float64)
     return cells.astype(np.float64), -unit(_slopes(smooth, cells))
 

@@ -4,8 +4,8 @@ import numpy as np
 
 from pipelines.array_types import Array
 from pipelines.geometry.numerics.compiled import compiled
+from pipelines.geometry.numerics.strides import strided_at_most
 from pipelines.grasping.grasps import GraspPoses
-from pipelines.grasping.ranking.region_context import evenly_taken
 from pipelines.grasping.scene import RegionCloud
 
 # All chosen by eye; the shipped weights were trained with these values.
@@ -33,8 +33,8 @@ def contact_patches(grasps: GraspPoses, region: RegionCloud) -> Array:
     the closing axis, positive if the surface faces the finger, and their number. For the nearest
     point: its distance, and the same cosine.
     """
-    points = evenly_taken(region.points, NUM_POINTS)
-    normals = evenly_taken(region.normals, NUM_POINTS)
+    points = strided_at_most(region.points, NUM_POINTS)
+    normals = strided_at_most(region.normals, NUM_POINTS)
     contacts, is_new = grasps.contacts, np.ones(len(grasps), bool)
     # Grasps about one pair of contacts are consecutive and share the pair's features.
     is_new[1:] = (contacts[1:] != contacts[:-1]).any(axis=(1, 2))

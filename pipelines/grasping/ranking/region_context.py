@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from pipelines.array_types import Array, Singles
+from pipelines.geometry.numerics.strides import strided_at_most
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 
@@ -53,18 +54,13 @@ class RegionContext:
     def pool(self) -> tuple[Array, Singles]:
         """Points (m, 3) to choose from, by kind, with (m, 7) normal, kind (3), scaled height."""
         parts = [
-            evenly_taken(self.region.points, MEASURED),
-            evenly_taken(self.hidden, HIDDEN),
-            evenly_taken(self.foreign, FOREIGN),
+            strided_at_most(self.region.points, MEASURED),
+            strided_at_most(self.hidden, HIDDEN),
+            strided_at_most(self.foreign, FOREIGN),
         ]
         points = np.concatenate(parts)
         kind = np.repeat(np.eye(3), [len(part) for part in parts], axis=0)
         normals = np.zeros((len(points), 3))
-        normals[: len(parts[0])] = evenly_taken(self.region.normals, MEASURED)
+        normals[: len(parts[0])] = strided_at_most(self.region.normals, MEASURED)
         height = 10.0 * np.clip(self.heights(points), *HEIGHTS)
         return points, np.column_stack([normals, kind, height]).astype(np.float32)
-
-
-def evenly_taken(rows: Array, count: int) -> Array:
-    """Return at most `count` of `rows` (n, ...), evenly spread over their order."""
-    return rows[:: max(1, -(-len(rows) // count))]

@@ -11,6 +11,7 @@ import numpy as np
 from pipelines.array_types import Array, Indices
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.geometry.numerics.quantiles import median, quantiles
+from pipelines.geometry.numerics.strides import strided_at_least
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import (
     REFLECTION_SLOTS,
@@ -113,7 +114,7 @@ def face_directions(points: Array, normals: Array) -> list[Array]:
 
 def largest_face(normals: Array) -> Array:
     """Return the normal (3,) that most of `normals` (n, 3) are parallel or opposite to."""
-    trials = normals[:: max(1, len(normals) // FACE_TRIALS)]
+    trials = strided_at_least(normals, FACE_TRIALS)
     narrow = np.cos(FACE_ANGLE)
     face = trials[_likeness(np.abs(normals @ trials.T), float(narrow)).argmax()]
     cosine = normals @ face

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Self
 
 from pipelines.array_types import Array, Mask
+from pipelines.geometry.numerics.strides import strided_at_least
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.grasping.symmetries.plane_candidates import NETWORK, SHAPE
@@ -40,6 +41,6 @@ class RegionEvidence:
         allowed: int = NETWORK | SHAPE,
     ) -> Self:
         """Return the evidence of `region` in `scene`, with some of its points."""
-        step = max(1, len(region) // NUM_POINTS)
-        points, normals = region.points[::step].copy(), region.normals[::step].copy()
+        points = strided_at_least(region.points, NUM_POINTS).copy()
+        normals = strided_at_least(region.normals, NUM_POINTS).copy()
         return cls(slots, points, normals, region.mask, scene, allowed)

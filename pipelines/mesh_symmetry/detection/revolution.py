@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipelines.array_types import Array, Indices, Mask
+from pipelines.geometry.numerics.strides import strided_at_least
 from pipelines.geometry.transforms import basis_from_direction
 
 NUM_PATCHES = 32
@@ -58,9 +59,8 @@ def revolution_axes(points: Array, normals: Array) -> list[Axis]:
 
     `points`, `normals`: (n, 3) samples, evenly spread.
     """
-    stride = max(1, len(points) // PATCH_SAMPLES)
-    p, n = points[::stride], normals[::stride]
-    centers = p[:: max(1, len(p) // NUM_PATCHES)]
+    p, n = (strided_at_least(each, PATCH_SAMPLES) for each in (points, normals))
+    centers = strided_at_least(p, NUM_PATCHES)
     distance = np.linalg.norm(centers[:, None] - p[None], axis=2)
     members = np.concatenate([distance < radius for radius in PATCH_RADII])
     directions, feet = _fitted(p, n, members.astype(np.float64))

@@ -9,6 +9,7 @@ from trimesh.triangles import closest_point
 
 from pipelines.array_types import Array, Indices
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
+from pipelines.geometry.numerics.strides import strided_at_least
 from pipelines.geometry.transforms import basis_from_direction, unit
 from pipelines.mesh_symmetry.detection.symmetry_candidates import fibonacci_directions
 from pipelines.mesh_symmetry.parts.open_boundary import OpenBoundary
@@ -56,7 +57,7 @@ class Surface:
         """Sample `mesh` at `num_samples` points, evenly by area times `density` (f,), if given."""
         points, normals, faces = sample_surface(mesh, num_samples, rng, density)
         tree = _tree(points)
-        data = np.arange(0, num_samples, max(1, num_samples // NUM_PROBES))
+        data = strided_at_least(np.arange(num_samples), NUM_PROBES)
         found = tree.query(points[data], k=min(NUM_NEIGHBORS, num_samples))
         distance, index = (np.asarray(part) for part in found)
         # Noise tilts triangles so far that their normals do not separate the sides of a thin wall.

@@ -12,6 +12,7 @@ import numpy as np
 from pipelines.array_types import Array, Indices, Mask
 from pipelines.configs import RegionConfig
 from pipelines.geometry.numerics.quantiles import median, quantiles
+from pipelines.geometry.numerics.strides import strided_at_least
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import unit
 from pipelines.tabletop.depth_segments import extent
@@ -96,12 +97,12 @@ class ObjectCriteria:
         return bool(high - low > MAX_DRAWN_OUT * width)
 
     def _lies_over_support(self, points: Array) -> bool:
-        some = points[:: max(1, len(points) // FITTED)]
+        some = strided_at_least(points, FITTED)
         return bool(self._footprint.contains(some).mean() >= self.config.min_over_support)
 
     def _bounds_support(self, points: Array, plane: Plane) -> bool:
         """Return whether `points` (n, 3) are a steep surface without support behind it."""
-        some = points[:: max(1, len(points) // FITTED)]
+        some = strided_at_least(points, FITTED)
         middle = some.mean(axis=0)
         normal = np.linalg.svd(some - middle, full_matrices=False)[2][2]
         if abs(normal @ plane.normal) > STEEP:
@@ -136,7 +137,7 @@ class ObjectCriteria:
     def _bare(self) -> Array:
         """(n, 3) points of the bare support, evenly spread."""
         at = np.flatnonzero(self.tabletop.bare)
-        return self.xyz.reshape(-1, 3).take(at[:: max(1, len(at) // BARE)], axis=0)
+        return self.xyz.reshape(-1, 3).take(strided_at_least(at, BARE), axis=0)
 
     @cached_property
     def _footprint(self) -> Footprint:

@@ -11,6 +11,7 @@ from pipelines.array_types import Array, Mask
 from pipelines.configs import RegionConfig
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.numerics.quantiles import median, quantiles
+from pipelines.geometry.numerics.strides import strided_at_least
 from pipelines.geometry.pointcloud import Plane
 from pipelines.tabletop.depth_segments import Labels, extent
 from pipelines.tabletop.regions.pieces import (
@@ -98,7 +99,7 @@ def _hangs_free(piece: LabelledPiece, xyz: Array, plane: Plane, camera: Intrinsi
     """Return whether background is seen beneath the lowest points of a piece."""
     height = plane.height(piece.points)
     low = piece.points[height <= quantiles(height, LOWEST)]
-    low = low[:: max(1, len(low) // FEET)]
+    low = strided_at_least(low, FEET)
     for drop in DROPS:
         pixels, shown = camera.pixels_of(low - drop * plane.normal)
         seen = xyz[pixels[shown, 1], pixels[shown, 0], 2]
@@ -115,7 +116,7 @@ def _carries(piece: LabelledPiece, hanging: LabelledPiece, plane: Plane) -> bool
     foot = hanging.points[over <= quantiles(over, LOWEST)]
     if foot.mean(axis=0) @ plane.normal < top.mean(axis=0) @ plane.normal:
         return False
-    some = foot[:: max(1, len(foot) // FEET)]
+    some = strided_at_least(foot, FEET)
     return bool(np.min(KDTree(top).query(some)[0]) < JOINT)
 
 
@@ -144,7 +145,7 @@ def _hides_its_foot(
     cut = rows.start == 0 or columns.start == 0
     if cut or rows.stop == xyz.shape[0] or columns.stop == xyz.shape[1]:
         return False
-    some = piece.points[:: max(1, len(piece.points) // FEET)]
+    some = strided_at_least(piece.points, FEET)
     pixels, shown = camera.pixels_of(some - plane.height(some)[:, None] * plane.normal)
     seen = xyz[pixels[shown, 1], pixels[shown, 0]]
     seen = seen[np.isfinite(seen[:, 2])]

@@ -25,6 +25,7 @@ from pipelines.dataset.held_back import refuse_held_back
 from pipelines.dataset.scene_digests import inputs_of_scenes
 from pipelines.dataset.symmetry.regioned_objects import read_regioned_object
 from pipelines.dataset.training import affordance_labels, packed_regions
+from pipelines.dataset.training.mask_noise import MaskNoise
 from pipelines.dataset.training.packed_regions import PackedScene
 from pipelines.dataset.training.region_frames import read_posed_label, strided_frames
 from pipelines.geometry.region_masks import RegionInstance, visible_regions
@@ -36,7 +37,6 @@ from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import refuse_file_as_folder
 from pipelines.storage.provenance import FileVersion, make_stamp
 from pipelines.tabletop.levelling import table_row
-from pipelines.tabletop.mask_noise import MaskNoise
 from pipelines.tabletop.tabletop import find_tabletop
 
 STAGE = "pack"

@@ -17,6 +17,7 @@ from pipelines.dataset import object_list
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.symmetry.regioned_objects import read_regioned_object
 from pipelines.dataset.training import affordance_labels
+from pipelines.dataset.training.mask_noise import MaskFaults, MaskNoise
 from pipelines.dataset.training.packed_regions import PackedRegion
 from pipelines.errors import SymgraspError
 from pipelines.geometry.camera import Intrinsics
@@ -33,7 +34,6 @@ from pipelines.synthesis.scenes.cameras import LENSES, drawn_viewpoints, sensor_
 from pipelines.synthesis.scenes.depth_sensors import measured_depth
 from pipelines.synthesis.scenes.tables import SceneLayout, SceneObject, background, drawn_layout
 from pipelines.tabletop.levelling import table_row
-from pipelines.tabletop.mask_noise import MaskFaults, MaskNoise
 
 ENDLESS = 1_000_033  # separates these draws from draws of datasets and trainings with the same seed
 ATTEMPTS = 8

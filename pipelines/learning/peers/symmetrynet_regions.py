@@ -17,13 +17,13 @@ from pipelines.configs import PackConfig
 from pipelines.configs.peers import PeerNetworkConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_layout import FrameFiles
+from pipelines.dataset.training.mask_noise import MaskNoise
 from pipelines.dataset.training.region_frames import read_region_frame
 from pipelines.geometry.pointcloud import drawn_indices
 from pipelines.geometry.symmetry import NUM_SLOTS, SymmetrySlots
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.learning.peers.peer import KEPT, Arrays, read_peer_frame, storable
 from pipelines.network.peers.symmetrynet_input import CROP_SIDE, RegionCrop, region_crop
-from pipelines.tabletop.mask_noise import MaskNoise
 
 STORED_POINTS = 1200  # points of a region
 UNITS = 10_000.0  # units per metre of stored points

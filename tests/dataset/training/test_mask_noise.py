@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from pipelines.tabletop.mask_noise import MaskFaults, MaskNoise, leaked, truncated
+from pipelines.dataset.training.mask_noise import MaskFaults, MaskNoise, leaked, truncated
 
 seeds = st.integers(0, 2**32 - 1)
 NOISE = MaskNoise(share=1.0, edge=0.05, blot=0.15)

@@ -3,7 +3,7 @@
 import time
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import compress
+from itertools import compress, islice
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,7 +33,7 @@ from pipelines.inference.peers.frame_plans import (
     FrameMethod,
     plans_of_frame,
 )
-from pipelines.inference.plans import Plan, grasp_table, region_table, why_all_weak
+from pipelines.inference.plans import Plan, grasp_table, region_table, why_all_weak, with_pieces
 from pipelines.inference.predicted_regions import (
     PredictedRegion,
     RegionMethod,
@@ -142,7 +142,8 @@ class Planner:
         plans = [next(planned) if sought else Plan(RankedGrasps.empty()) for sought in graspable]
         if self.config.method == "random":
             return regions, plans
-        regions, plans = self._split_into_pieces(regions, plans, observation, rng)
+        if self._knows_symmetries and self.config.regions == "auto":
+            regions, plans = self._planned_in_pieces(regions, plans, observation, rng)
         plans = [
             self._grasps_on_piece(plan, region.mask, observation)
             if region.is_graspable and not len(plan.grasps)
@@ -197,42 +198,35 @@ class Planner:
         assert self.predictor is not None
         return predicted_regions(clouds, observation.scene.plane, self.predictor)
 
-    def _split_into_pieces(
+    def _planned_in_pieces(
         self,
         regions: list[Region],
         plans: list[Plan],
         observation: Observation,
         rng: np.random.Generator,
     ) -> tuple[list[Region], list[Plan]]:
-        """Return regions and plans, with detections without a symmetric grasp in pieces (D. 97).
+        """Return regions and plans, with detections without a symmetric grasp in pieces (D. 97)."""
+        pieces = self._pieces_of_detections(regions, plans, observation)
+        masks = [mask for own in pieces.values() for mask in own]
+        clouds = [RegionCloud.from_mask(mask, observation.scene) for mask in masks]
+        planned = iter(self._region_plans(clouds, observation, rng))
+        of_pieces = {place: list(islice(planned, len(own))) for place, own in pieces.items()}
+        return with_pieces(regions, plans, pieces, of_pieces, self.config.geometric_confidence)
 
-        Such a detection takes symmetries and grasps of its largest piece, if that piece has grasps;
-        other pieces with grasps become separate regions. A single piece replaces its detection
-        (D. 145).
+    def _pieces_of_detections(
+        self, regions: list[Region], plans: list[Plan], observation: Observation
+    ) -> dict[int, list[Mask]]:
+        """Return the pieces (H, W) of detections without a symmetric grasp, by place in `regions`.
+
+        The largest piece comes first. Detections that stay whole have no pieces.
         """
         config = replace(self.config, min_region_pixels=observation.min_region_pixels)
         labels = observation.segments.labels
-        if not self._knows_symmetries or config.regions != "auto":
-            return regions, plans
-        pieces = {
-            index: pieces_of(region.mask, labels, config)
-            for index, (region, plan) in enumerate(zip(regions, plans, strict=True))
+        return {
+            place: pieces_of(region.mask, labels, config)
+            for place, (region, plan) in enumerate(zip(regions, plans, strict=True))
             if region.source == "detector" and not plan.rests_on_symmetry
         }
-        flat = [(index, i, mask) for index in pieces for i, mask in enumerate(pieces[index])]
-        clouds = [RegionCloud.from_mask(mask, observation.scene) for _, _, mask in flat]
-        regions, plans = list(regions), list(plans)
-        for (index, rank, mask), plan in zip(
-            flat, self._region_plans(clouds, observation, rng), strict=True
-        ):
-            if len(pieces[index]) == 1:
-                regions[index], plans[index] = replace(regions[index], mask=mask), plan
-            elif len(plan.grasps) and rank == 0:
-                plans[index] = plan
-            elif len(plan.grasps):
-                regions.append(Region(mask, config.geometric_confidence, "geometric"))
-                plans.append(plan)
-        return regions, plans
 
     def _grasps_on_piece(self, plan: Plan, mask: Mask, observation: Observation) -> Plan:
         """Return `plan` with planar grasps on a piece of `mask` (H, W), if a piece has any."""

@@ -1,12 +1,13 @@
 """The plans of the regions of a frame, as columns of its result."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.array_types import Array, Indices
+from pipelines.array_types import Array, Indices, Mask
 from pipelines.configs import InferConfig
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasp_files.grasps_tables import GraspTable, RegionTable, are_worth_trying
@@ -55,6 +56,39 @@ class Plan:
     def affordance(self) -> Array:
         """Affordance (n,) of the region's points; one nan, (1,), without a prediction."""
         return np.array([np.nan]) if self.predicted is None else self.predicted.affordance
+
+
+def with_pieces(
+    regions: Sequence[Region],
+    plans: Sequence[Plan],
+    pieces: Mapping[int, Sequence[Mask]],
+    plans_of_pieces: Mapping[int, Sequence[Plan]],
+    confidence: float,
+) -> tuple[list[Region], list[Plan]]:
+    """Return regions and plans, with the pieces of some regions and the plans of these pieces.
+
+    A single piece replaces its region (D. 145). Of several pieces, the first, which is the largest,
+    gives the region its plan if it has grasps; other pieces with grasps become separate regions
+    (D. 97).
+
+    Args:
+        regions: of a frame.
+        plans: of each of `regions`.
+        pieces: masks (H, W), by the place of their region in `regions`.
+        plans_of_pieces: plan of each of `pieces`.
+        confidence: of separate regions, 0 to 1.
+    """
+    result, result_plans = list(regions), list(plans)
+    for place, masks in pieces.items():
+        for rank, (mask, plan) in enumerate(zip(masks, plans_of_pieces[place], strict=True)):
+            if len(masks) == 1:
+                result[place], result_plans[place] = replace(regions[place], mask=mask), plan
+            elif len(plan.grasps) and rank == 0:
+                result_plans[place] = plan
+            elif len(plan.grasps):
+                result.append(Region(mask, confidence, "geometric"))
+                result_plans.append(plan)
+    return result, result_plans
 
 
 def region_table(regions: list[Region], plans: list[Plan]) -> RegionTable:

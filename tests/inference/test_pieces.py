@@ -1,5 +1,7 @@
 """Detections of several objects are split; detections of one object stay whole."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,9 +10,12 @@ from pipelines.frames.rgbd import Frame
 from pipelines.geometry.symmetry import ReflectionSymmetry, SymmetrySlots
 from pipelines.geometry.transforms import transform_points
 from pipelines.grasp_files.gripper_files import load_gripper
+from pipelines.grasping.grasps import GraspPoses
+from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.inference import models
 from pipelines.inference.frame_grasps import Planner
-from pipelines.inference.regions import pieces_of
+from pipelines.inference.plans import Plan, with_pieces
+from pipelines.inference.regions import Region, pieces_of
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
 from tests.inference.stand_ins import Detection, Detector, Prediction
 
@@ -155,3 +160,31 @@ def test_pieces_are_large_enough_and_sorted_largest_first(share, count):
 
 def test_a_mask_that_no_geometric_region_covers_is_one_piece():
     assert pieces_of(np.ones((30, 30), bool), np.zeros((30, 30), np.int32), InferConfig()) == []
+
+
+def plan_with(count: int) -> Plan:
+    nothing = RankedGrasps.empty()
+    poses = GraspPoses(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)), np.ones(count))
+    slots, sources = np.full(count, -1), np.full(count, "planar")
+    return Plan(
+        replace(nothing, grasps=poses, slot=slots, source=sources, rank_score=np.zeros(count))
+    )
+
+
+def test_plans_of_pieces_become_plans_of_their_region_and_of_further_regions():
+    whole = [Region(np.ones((2, 3), bool), 0.9, "detector") for _ in range(4)]
+    plans = [plan_with(0) for _ in whole]
+    left, right = (np.arange(3) < 2)[None].repeat(2, 0), (np.arange(3) == 2)[None].repeat(2, 0)
+    pieces = {0: [], 1: [left], 2: [left, right], 3: [left, right]}
+    of_pieces = {
+        0: [],
+        1: [plan_with(0)],
+        2: [plan_with(1), plan_with(2)],
+        3: [plan_with(0), plan_with(3)],
+    }
+    regions, planned = with_pieces(whole, plans, pieces, of_pieces, 0.4)
+    assert [len(plan.grasps) for plan in planned] == [0, 0, 1, 0, 2, 3]
+    assert planned[1] is of_pieces[1][0]
+    assert [region.mask.sum() for region in regions] == [6, 4, 6, 6, 2, 2]
+    assert [region.source for region in regions] == ["detector"] * 4 + ["geometric"] * 2
+    assert regions[-1].confidence == 0.4

@@ -200,7 +200,7 @@ SYMMETRIES = (
         ("planes-network", "predicted planes", "plane_candidates.REFLECTION_SLOTS", ()),
         ("planes-axis", "planes through the axis", PLANES, planes_without_axis_point),
         ("planes-faces", "planes of the largest face's box", FACES, none_at_all),
-        ("planes-sides", "planes of the other faces", "plane_candidates.MIN_SIDE_POINTS", inf),
+        ("planes-sides", "planes of the other faces", "region_shape.MIN_SIDE_POINTS", inf),
         ("planes-level", "upright planes of the outline from above", LEVEL, none_at_all),
         ("rivals", "angle between two planes at least", "plane_evidence.RIVALS", np.radians(8.0)),
     ),

@@ -12,16 +12,15 @@ from pipelines.array_types import Array, Indices
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import ROTATION_SLOT, RotationSymmetry
 from pipelines.geometry.transforms import basis_from_direction, cross
-from pipelines.grasping.symmetries.plane_candidates import (
-    NETWORK,
-    SHAPE,
+from pipelines.grasping.symmetries.region_evidence import RegionEvidence
+from pipelines.grasping.symmetries.region_shape import (
     axes_of_spread,
     half_between_ends,
     halfway_up,
     largest_face,
     level_directions,
 )
-from pipelines.grasping.symmetries.region_evidence import RegionEvidence
+from pipelines.grasping.symmetries.sources import NETWORK, SHAPE
 
 
 def starting_axes(region: RegionEvidence) -> tuple[list[RotationSymmetry], Indices]:

@@ -26,9 +26,10 @@ from pipelines.grasping.symmetries import mirror_views
 from pipelines.grasping.symmetries.axis_candidates import starting_axes
 from pipelines.grasping.symmetries.mirror_views import MirrorImages, PlanePointFeature
 from pipelines.grasping.symmetries.observed_frustum import in_observed_frustum
-from pipelines.grasping.symmetries.plane_candidates import ENDS, NETWORK, SHAPE
 from pipelines.grasping.symmetries.plane_evidence import SAME_FIT
 from pipelines.grasping.symmetries.region_evidence import RegionEvidence
+from pipelines.grasping.symmetries.region_shape import ENDS
+from pipelines.grasping.symmetries.sources import NETWORK, SHAPE
 
 # All chosen by eye; the shipped weights were trained with these values.
 STRIDE = 4  # every STRIDE-th point is turned about each axis

@@ -18,16 +18,9 @@ from pipelines.geometry.symmetry import (
 from pipelines.grasping.ranking.point_critic import PointCritic
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.grasping.symmetries.axis_evidence import likely_axis_and_sphere
-from pipelines.grasping.symmetries.plane_candidates import NETWORK, SHAPE
 from pipelines.grasping.symmetries.plane_evidence import likely_planes
 from pipelines.grasping.symmetries.region_evidence import RegionEvidence
-
-SOURCE_NAMES = ("", "network", "shape", "both")  # by the bits of a candidate's sources
-SOURCE_BITS: dict[SymmetrySource, int] = {
-    "network": NETWORK,
-    "shape": SHAPE,
-    "network+shape": NETWORK | SHAPE,
-}
+from pipelines.grasping.symmetries.sources import SOURCE_BITS, SOURCE_NAMES
 
 
 @dataclass(frozen=True)

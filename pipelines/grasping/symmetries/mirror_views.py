@@ -18,7 +18,7 @@ from pipelines.geometry.numerics.quantiles import quantiles
 from pipelines.geometry.symmetry import ReflectionSymmetry
 from pipelines.geometry.transforms import cross, unit
 from pipelines.grasping.scene import SceneCloud
-from pipelines.grasping.symmetries.plane_candidates import ENDS
+from pipelines.grasping.symmetries.region_shape import ENDS
 
 Projected = tuple[Indices, Mask, Array, Mask]
 

@@ -17,12 +17,9 @@ from pipelines.geometry.symmetry_fitting import fit_reflections
 from pipelines.grasping.ranking.point_critic import PointCritic
 from pipelines.grasping.symmetries.mirror_views import MirrorImages, plane_features, point_features
 from pipelines.grasping.symmetries.observed_frustum import in_observed_frustum
-from pipelines.grasping.symmetries.plane_candidates import (
-    candidate_planes,
-    merged_planes,
-    region_top,
-)
+from pipelines.grasping.symmetries.plane_candidates import candidate_planes, merged_planes
 from pipelines.grasping.symmetries.region_evidence import RegionEvidence
+from pipelines.grasping.symmetries.region_shape import region_top
 
 # All chosen by eye, except RIVALS (D. 65); the shipped weights were trained with these values.
 BESIDE = 0.008  # metres to the nearest seen point, from which an image is next to the surface

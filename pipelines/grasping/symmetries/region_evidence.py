@@ -7,7 +7,7 @@ from pipelines.array_types import Array, Mask
 from pipelines.geometry.numerics.strides import strided_at_least
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasping.scene import RegionCloud, SceneCloud
-from pipelines.grasping.symmetries.plane_candidates import NETWORK, SHAPE
+from pipelines.grasping.symmetries.sources import NETWORK, SHAPE
 
 NUM_POINTS = 400  # of the region for fits; chosen by eye
 

@@ -22,8 +22,8 @@ from pipelines.grasping.planner import MIN_POINTS, RegionPlanner
 from pipelines.grasping.ranking.grasp_features import GraspFeatures
 from pipelines.grasping.scene import SceneCloud
 from pipelines.grasping.symmetries import axis_evidence, plane_evidence
-from pipelines.grasping.symmetries.grounding import SOURCE_BITS
 from pipelines.grasping.symmetries.region_evidence import RegionEvidence
+from pipelines.grasping.symmetries.sources import SOURCE_BITS
 from pipelines.inference import models
 from pipelines.inference.observation import observe
 from pipelines.inference.predicted_regions import PredictedRegion, predicted_regions, region_models

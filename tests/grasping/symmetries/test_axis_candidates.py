@@ -10,8 +10,8 @@ from pipelines.geometry.transforms import make_pose, random_rotation, rotate_vec
 from pipelines.geometry.transforms import transform_points as moved
 from pipelines.grasping.scene import SceneCloud
 from pipelines.grasping.symmetries.axis_candidates import middle_of_outline, starting_axes
-from pipelines.grasping.symmetries.plane_candidates import NETWORK, SHAPE
 from pipelines.grasping.symmetries.region_evidence import RegionEvidence
+from pipelines.grasping.symmetries.sources import NETWORK, SHAPE
 
 NOTHING = SymmetrySlots(np.zeros(5), np.full((5, 3), 9.0), np.tile(unit([1.0, 2.0, 3.0]), (5, 1)))
 TABLE = Plane(np.array([0, 0, 1.0]), 0.0)

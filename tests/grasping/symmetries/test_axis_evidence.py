@@ -16,7 +16,7 @@ from pipelines.grasping.symmetries.axis_evidence import (
     fitted_axes,
     likely_axis_and_sphere,
 )
-from pipelines.grasping.symmetries.plane_candidates import NETWORK, SHAPE
+from pipelines.grasping.symmetries.sources import NETWORK, SHAPE
 from pipelines.inference import models
 from tests.grasping.symmetries.views import SILENT, evidence_of, view_of, view_of_box
 

@@ -1,7 +1,6 @@
 """Candidate planes of a region include the planes of boxes and cans, from any side."""
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -9,33 +8,12 @@ from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SymmetrySlots
 from pipelines.geometry.transforms import make_pose, random_rotation, unit
 from pipelines.geometry.transforms import transform_points as moved
-from pipelines.grasping.symmetries.plane_candidates import (
-    FACE_ANGLE,
-    FACE_TRIALS,
-    NETWORK,
-    SHAPE,
-    candidate_planes,
-    face_directions,
-    half_between_ends,
-    halfway_up,
-    largest_face,
-    level_directions,
-    merged_planes,
-)
+from pipelines.grasping.symmetries.plane_candidates import candidate_planes, merged_planes
+from pipelines.grasping.symmetries.sources import NETWORK, SHAPE
+from tests.grasping.symmetries.views import seen_box
 
 UPRIGHT = RotationSymmetry([0, 0, 1], [9, 9, 9])
 NOTHING = SymmetrySlots(np.zeros(5), np.full((5, 3), 9.0), np.tile(unit([1.0, 2.0, 3.0]), (5, 1)))
-
-
-def seen_box(size, toward, rng, n=3000):
-    """Points and normals of the faces of a box, centred on 0, that face the viewer."""
-    face, sign = rng.integers(3, size=n), rng.choice([-1.0, 1.0], n)
-    points = rng.uniform(-0.5, 0.5, (n, 3))
-    points[np.arange(n), face] = 0.5 * sign
-    normals = np.eye(3)[face] * sign[:, None]
-    front = normals @ unit(toward) > 0.1
-    noisy = points[front] * size + rng.normal(0, 0.0005, (front.sum(), 3))
-    return noisy, unit(normals[front] + rng.normal(0, 0.03, (front.sum(), 3)))
 
 
 def has_plane(planes, normal, point, degrees=4.0, offset=0.003):
@@ -100,32 +78,6 @@ def test_the_axis_gives_the_middle_of_half_hidden_objects():
         assert has_plane(found, [1.0, 0.0, 0.0], np.zeros(3)) == known
 
 
-def test_a_candidate_plane_cuts_an_object_on_the_table_at_half_its_height():
-    rng = np.random.default_rng(1)
-    points = rng.uniform(-1, 1, (500, 3)) * [0.03, 0.03, 0.0] + [0, 0, 0.12]
-    assert halfway_up(points, Plane(np.array([0, 0, 1.0]), 0.0))[2] == pytest.approx(0.06)
-
-
-def test_a_few_flying_pixels_do_not_move_the_middle():
-    points = np.zeros((1000, 3))
-    points[:, 0] = np.linspace(0.0, 0.1, 1000)
-    points[:5, 0] = -0.3
-    assert half_between_ends(points, np.array([[1.0, 0, 0]]))[0] == pytest.approx(0.05, abs=0.001)
-
-
-def test_level_directions_are_parallel_to_the_table_and_face_directions_are_orthogonal():
-    rng = np.random.default_rng(2)
-    points, normals = seen_box(np.array([0.05, 0.08, 0.1]), [0.5, -0.7, 0.7], rng)
-    table = Plane(unit([0.1, 0.2, 1.0]), 0.05)
-    for direction in level_directions(points, table):
-        assert abs(float(direction @ table.normal)) < 1e-9
-    face, *across = face_directions(points, normals)
-    for first, second in zip(across[::2], across[1::2], strict=True):
-        assert np.abs(np.stack([face, first, second]) @ np.stack([face, first, second]).T)[
-            ~np.eye(3, dtype=bool)
-        ].max() == pytest.approx(0.0, abs=1e-9)
-
-
 def test_the_first_of_nearly_equal_planes_stays():
     plane = ReflectionSymmetry([1, 0, 0], [0, 0, 0])
     near = ReflectionSymmetry(unit([1, 0.1, 0]), [0.002, 0, 0])
@@ -159,15 +111,3 @@ def test_a_plane_is_kept_unless_a_kept_plane_is_close_to_it(count, angle, offset
             kept.append(plane)
     found, _ = merged_planes(planes, np.ones(len(planes), np.int64), angle, offset)
     assert [id(plane) for plane in found] == [id(plane) for plane in kept]
-
-
-@pytest.mark.parametrize("count", [1, 39, 400])
-def test_the_largest_face_is_the_one_that_most_normals_are_close_to(count):
-    rng = np.random.default_rng(count)
-    normals = unit(rng.normal(size=(count, 3)) * [0.1, 0.3, 1.0])
-    trials = normals[:: max(1, count // FACE_TRIALS)]
-    cosine, narrow = np.abs(normals @ trials.T), np.cos(FACE_ANGLE)
-    best = trials[np.clip((cosine - narrow) / (1.0 - narrow), 0.0, 1.0).sum(axis=0).argmax()]
-    near = normals[np.abs(normals @ best) > narrow]
-    expected = unit((near * np.sign(near @ best)[:, None]).sum(axis=0))
-    np.testing.assert_allclose(largest_face(normals), expected, atol=1e-12)

@@ -42,3 +42,14 @@ def view_of_box():
 def evidence_of(view, slots=SILENT):
     scene, region, _ = view
     return RegionEvidence.of(slots, region, scene)
+
+
+def seen_box(size, toward, rng, n=3000):
+    """Points and normals of the faces of a box, centred on 0, that face the viewer."""
+    face, sign = rng.integers(3, size=n), rng.choice([-1.0, 1.0], n)
+    points = rng.uniform(-0.5, 0.5, (n, 3))
+    points[np.arange(n), face] = 0.5 * sign
+    normals = np.eye(3)[face] * sign[:, None]
+    front = normals @ unit(toward) > 0.1
+    noisy = points[front] * size + rng.normal(0, 0.0005, (front.sum(), 3))
+    return noisy, unit(normals[front] + rng.normal(0, 0.03, (front.sum(), 3)))

@@ -27,7 +27,7 @@ from pipelines.dataset.scene_digests import inputs_of_scenes
 from pipelines.dataset.training.region_frames import strided_frames
 from pipelines.errors import ValueRangeError
 from pipelines.evaluation.truth import TruthReader
-from pipelines.grasping.ranking import critic_files
+from pipelines.grasping.critics import critic_files
 from pipelines.inference import models
 from pipelines.learning.critics import critic_rows, critic_training
 from pipelines.learning.critics.collecting import Collector, ModelPaths

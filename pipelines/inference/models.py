@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import cv2
 from threadpoolctl import OpenBLASController, ThreadpoolController
 
-from pipelines.grasping.ranking import critic_files
-from pipelines.grasping.ranking.point_critic import PointCritic
+from pipelines.grasping.critics import critic_files
+from pipelines.grasping.critics.point_critic import PointCritic
 from pipelines.grasping.ranking.ranking import Critic, expected_quality
 from pipelines.grasping.symmetries.grounding import SymmetryCritics
 from pipelines.storage.files import existing

@@ -20,7 +20,7 @@ from pipelines.errors import (
 )
 from pipelines.evaluation.truth import TruthReader
 from pipelines.geometry.symmetry import REFLECTION_SLOTS, ROTATION_SLOT, SPHERE_SLOT
-from pipelines.grasping.ranking import critic_files
+from pipelines.grasping.critics import critic_files
 from pipelines.grasping.symmetries.axis_evidence import AXIS_FEATURES
 from pipelines.inference import models
 from pipelines.inference.observation import observe

@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 
 from pipelines.array_types import Array, Indices, Mask
 from pipelines.configs import RankingConfig
+from pipelines.grasping.critics.point_critic import PointCritic
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.ranking.grasp_features import GraspFeatures
-from pipelines.grasping.ranking.point_critic import PointCritic
 
 HALF_TURN = np.array([1.0, -1.0, -1.0])  # about the approach: the fingers are swapped
 ROUNDING = 1e-6  # radians; two approach angles exactly at the limit are not alike

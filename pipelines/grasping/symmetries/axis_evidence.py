@@ -21,7 +21,7 @@ from pipelines.geometry.symmetry import (
 )
 from pipelines.geometry.symmetry_fitting import fit_rotations, fit_sphere
 from pipelines.geometry.transforms import basis_from_direction, cross, rotation_about, unit
-from pipelines.grasping.ranking.point_critic import PointCritic
+from pipelines.grasping.critics.point_critic import PointCritic
 from pipelines.grasping.symmetries import mirror_views
 from pipelines.grasping.symmetries.axis_candidates import starting_axes
 from pipelines.grasping.symmetries.mirror_views import MirrorImages, PlanePointFeature

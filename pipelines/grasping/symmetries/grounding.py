@@ -15,7 +15,7 @@ from pipelines.geometry.symmetry import (
     Symmetry,
     SymmetrySlots,
 )
-from pipelines.grasping.ranking.point_critic import PointCritic
+from pipelines.grasping.critics.point_critic import PointCritic
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.grasping.symmetries.axis_evidence import likely_axis_and_sphere
 from pipelines.grasping.symmetries.plane_evidence import likely_planes

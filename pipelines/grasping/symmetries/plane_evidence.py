@@ -14,7 +14,7 @@ from pipelines.geometry.symmetry import (
     RotationSymmetry,
 )
 from pipelines.geometry.symmetry_fitting import fit_reflections
-from pipelines.grasping.ranking.point_critic import PointCritic
+from pipelines.grasping.critics.point_critic import PointCritic
 from pipelines.grasping.symmetries.mirror_views import MirrorImages, plane_features, point_features
 from pipelines.grasping.symmetries.observed_frustum import in_observed_frustum
 from pipelines.grasping.symmetries.plane_candidates import candidate_planes, merged_planes

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pipelines.array_types import Indices, Mask, Singles
 from pipelines.contents import reading
 from pipelines.errors import FormatError
-from pipelines.grasping.ranking.point_critic import FeatureNames
+from pipelines.grasping.critics.point_critic import FeatureNames
 from pipelines.storage.h5_columns import check_version, read_columns, write_columns
 from pipelines.storage.h5_files import new_h5, open_h5
 from pipelines.storage.provenance import Stamp

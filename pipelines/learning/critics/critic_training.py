@@ -11,7 +11,7 @@ from torch.nn import functional
 from pipelines.array_types import Array, Indices
 from pipelines.configs import TrainCriticConfig, from_settings
 from pipelines.errors import ValueRangeError
-from pipelines.grasping.ranking.point_critic import (
+from pipelines.grasping.critics.point_critic import (
     LAST_WIDTHS,
     POINT_WIDTHS,
     FeatureNames,

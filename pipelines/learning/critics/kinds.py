@@ -4,9 +4,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from pipelines.errors import UnknownNameError
-from pipelines.grasping.ranking import critic_files, grasp_features
+from pipelines.grasping.critics import critic_files
+from pipelines.grasping.critics.point_critic import FeatureNames
+from pipelines.grasping.ranking import grasp_features
 from pipelines.grasping.ranking.grasp_features import GraspPointFeature
-from pipelines.grasping.ranking.point_critic import FeatureNames
 from pipelines.grasping.symmetries import axis_evidence, mirror_views
 from pipelines.grasping.symmetries.mirror_views import PlanePointFeature
 

@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from pipelines.errors import FormatError
-from pipelines.grasping.ranking import critic_files
-from pipelines.grasping.ranking.critic_files import PLANES
+from pipelines.grasping.critics import critic_files
+from pipelines.grasping.critics.critic_files import PLANES
 from pipelines.inference import models
 from pipelines.storage.checkpoints import load_weights, save_weights
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from pipelines.grasping.ranking.point_critic import FeatureNames, PointCritic
+from pipelines.grasping.critics.point_critic import FeatureNames, PointCritic
 
 NAMES = {
     "shared features": FeatureNames(("a", "b", "c"), ("d", "e"), ("f", "g", "h", "i")),

@@ -8,8 +8,8 @@ import numpy as np
 
 from pipelines.contents import json_object
 from pipelines.errors import FormatError
+from pipelines.grasping.critics.point_critic import FeatureNames, PointCritic
 from pipelines.grasping.ranking import grasp_features
-from pipelines.grasping.ranking.point_critic import FeatureNames, PointCritic
 from pipelines.grasping.symmetries import axis_evidence, mirror_views, plane_evidence
 from pipelines.storage.checkpoints import load_arrays
 

@@ -38,7 +38,7 @@ from pipelines.errors import SymgraspError
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.rated_grasps import GraspSample, RatedGrasps, best_of_places
-from pipelines.mesh_symmetry.detection.surface import Surface
+from pipelines.mesh_symmetry.surface.sampled_surface import Surface
 from pipelines.refinement.copies import PLACE_SHARE, Copier, closed_contacts
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time

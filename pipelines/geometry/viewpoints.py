@@ -7,6 +7,7 @@ import numpy as np
 
 from pipelines.array_types import Array
 from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.directions import sphere_directions
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.symmetry import (
     ReflectionSymmetry,
@@ -17,6 +18,7 @@ from pipelines.geometry.symmetry import (
 from pipelines.geometry.transforms import make_pose, unit
 
 NUM_CANDIDATES = 240  # compared directions
+VIEW_STEP = np.pi * (1.0 + np.sqrt(5.0))  # radians; the negative golden angle and two turns
 FIELD = np.radians(9.0)  # field of view; with a long lens, parallels stay parallel
 PICTURE_MARGIN = 1.22  # width of the picture over the width of the object
 OBLIQUE_COSINE = 0.5  # between the view and a normal or axis: neither hidden nor flat
@@ -51,7 +53,7 @@ def view_along(mesh: Mesh, direction: Array, up: Array) -> Array:
 
 def oblique_view(mesh: Mesh, symmetries: Sequence[Symmetry]) -> Array:
     """Return `T_mesh_cam` (4, 4) of a view oblique to all planes and axes, large and from above."""
-    towards = -_sphere_directions()
+    towards = -sphere_directions(NUM_CANDIDATES, VIEW_STEP, first=0.5)
     special = [s.direction for s in symmetries if not isinstance(s, SphereSymmetry)]
     axes = np.stack(special) if special else _principal_axes(mesh)
     cosine = np.abs(towards @ axes.T)
@@ -110,21 +112,12 @@ def _along_planes(mesh: Mesh, normals: Sequence[Array]) -> Array:
 
 def _along_plane(mesh: Mesh, normal: Array) -> Array:
     """Return the view along the plane of `normal` (3,) that shows most of the object."""
-    towards = _sphere_directions()
+    towards = sphere_directions(NUM_CANDIDATES, VIEW_STEP, first=0.5)
     towards = unit(towards - (towards @ normal)[:, None] * normal)
     area = np.abs(towards @ mesh.face_normals.T) @ mesh.face_areas
     best = towards[int((area / area.max() - TOP_WEIGHT * towards[:, 2]).argmax())]
     up = np.cross(normal, best)
     return view_along(mesh, best, up if up[2] >= 0 else -up)
-
-
-def _sphere_directions() -> Array:
-    """Return unit vectors (n, 3), spread evenly over the sphere (golden spiral)."""
-    index = np.arange(NUM_CANDIDATES) + 0.5
-    z = 1.0 - 2.0 * index / NUM_CANDIDATES
-    turn = np.pi * (1.0 + np.sqrt(5.0)) * index
-    ring = np.sqrt(1.0 - z**2)
-    return np.stack([ring * np.cos(turn), ring * np.sin(turn), z], axis=1)
 
 
 def _principal_axes(mesh: Mesh) -> Array:

@@ -22,15 +22,15 @@ from pipelines.geometry.symmetry import (
     SphereSymmetry,
     Symmetry,
 )
-from pipelines.mesh_symmetry.detection.canonical_pose import CanonicalPose
 from pipelines.mesh_symmetry.detection.symmetry_refinement import robust_sphere
-from pipelines.mesh_symmetry.detection.symmetry_search import UnitSurface, fit_of_plane, fit_of_turn
-from pipelines.mesh_symmetry.symmetry_verification import VERIFICATION_ANGLES, SurfaceFit
+from pipelines.mesh_symmetry.detection.symmetry_verification import VERIFICATION_ANGLES, SurfaceFit
+from pipelines.mesh_symmetry.detection.unit_surface import UnitSurface, fit_of_plane, fit_of_turn
+from pipelines.mesh_symmetry.surface.canonical_pose import CanonicalPose
 
 NUM_SURFACE, NUM_SAMPLES = 10_000, 800
 SPHERE_ANGLES = VERIFICATION_ANGLES[::3]
-SAME_COSINE = float(np.cos(np.radians(7.0)))
-SAME_OFFSET = 0.03  # of the diameter
+IMPLIED_COSINE = float(np.cos(np.radians(7.0)))  # candidates this near a symmetry follow from it
+IMPLIED_OFFSET = 0.03  # of the diameter
 STRAINS = np.geomspace(1 / 32, 32, 513).tolist()  # steps of 1.4 %
 NUM_MEASURED, NUM_REPORTED = 5, 3  # rejected candidates
 LIKELY = 0.5  # nearness from which a sphere is reported, since spheres are not searched
@@ -133,16 +133,16 @@ class Gauge:
     def _implies(self, known: Symmetry, candidate: Symmetry) -> bool:
         """Return whether `candidate` is nearly `known`, or follows from `known`."""
         between = candidate.point - known.point
-        reach = SAME_OFFSET * self.shape.size * self.pose.size
+        reach = IMPLIED_OFFSET * self.shape.size * self.pose.size
         match known, candidate:
             case ReflectionSymmetry(), ReflectionSymmetry():
-                return bool(abs(known.normal @ candidate.normal) > SAME_COSINE)
+                return bool(abs(known.normal @ candidate.normal) > IMPLIED_COSINE)
             case RotationSymmetry(), RotationSymmetry():
-                same = abs(known.axis @ candidate.axis) > SAME_COSINE
+                same = abs(known.axis @ candidate.axis) > IMPLIED_COSINE
                 return bool(same and known.order == candidate.order)
             case RotationSymmetry(order=None), ReflectionSymmetry():
                 through = abs(between @ candidate.normal) < reach
-                across = abs(known.axis @ candidate.normal) < np.sqrt(1.0 - SAME_COSINE**2)
+                across = abs(known.axis @ candidate.normal) < np.sqrt(1.0 - IMPLIED_COSINE**2)
                 return bool(through and across)
             case SphereSymmetry(), _:
                 return True

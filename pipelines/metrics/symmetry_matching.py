@@ -26,8 +26,8 @@ from pipelines.metrics.average_precision import match_greedy
 
 CORRECT, WRONG, IGNORED = 1, 0, -1
 # Planes within these limits are one: a plane that follows from the list may be listed itself.
-SAME_COSINE = float(np.cos(np.radians(5.0)))
-SAME_OFFSET = 0.004  # metres, at the axis
+SAME_PLANE_COSINE = float(np.cos(np.radians(5.0)))
+SAME_PLANE_OFFSET = 0.004  # metres, at the axis
 
 
 @dataclass(frozen=True)
@@ -124,8 +124,8 @@ def _turned_planes(
     turned = [
         _turned(plane, rotation, np.pi * k / order) for plane in through for k in range(1, order)
     ]
-    known = [p for p in through if abs((rotation.point - p.point) @ p.normal) <= SAME_OFFSET]
-    return [t for t in turned if all(abs(t.normal @ p.normal) < SAME_COSINE for p in known)]
+    known = [p for p in through if abs((rotation.point - p.point) @ p.normal) <= SAME_PLANE_OFFSET]
+    return [t for t in turned if all(abs(t.normal @ p.normal) < SAME_PLANE_COSINE for p in known)]
 
 
 def _turned(

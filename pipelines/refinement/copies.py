@@ -18,7 +18,7 @@ from pipelines.geometry.symmetry import Symmetry
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.rated_grasps import RatedGrasps, best_of_places
 from pipelines.grasping.symmetrize import copies_under, image, symmetry_group
-from pipelines.mesh_symmetry.detection.surface import Surface
+from pipelines.mesh_symmetry.surface.sampled_surface import Surface
 from pipelines.metrics.contacts import close_fingers
 from pipelines.metrics.force_closure import min_friction, on_grid
 

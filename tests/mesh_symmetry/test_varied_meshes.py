@@ -12,8 +12,8 @@ import trimesh
 
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.geometry.meshes.mesh import Mesh
-from pipelines.mesh_symmetry.detection.surface import Surface
-from pipelines.mesh_symmetry.symmetry_verification import SurfaceFit
+from pipelines.mesh_symmetry.detection.symmetry_verification import SurfaceFit
+from pipelines.mesh_symmetry.surface.sampled_surface import Surface
 from tests.geometry.symmetric_shapes import cylinder, mesh_of
 from tests.mesh_symmetry.detection.test_symmetry_detection import (
     angle_deg,

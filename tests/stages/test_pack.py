@@ -42,7 +42,7 @@ from pipelines.geometry.transforms import (
     transform_points,
     unit,
 )
-from pipelines.mesh_symmetry.detection.surface import Surface
+from pipelines.mesh_symmetry.surface.sampled_surface import Surface
 from pipelines.runtime.batch import BatchOptions
 from pipelines.storage.provenance import digest, make_stamp
 from tests.stages.dataset_root import write_root

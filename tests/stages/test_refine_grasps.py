@@ -34,7 +34,7 @@ from pipelines.geometry.symmetry import (
 from pipelines.geometry.transforms import random_rotation
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.rated_grasps import RatedGrasps
-from pipelines.mesh_symmetry.detection.surface import Surface
+from pipelines.mesh_symmetry.surface.sampled_surface import Surface
 from pipelines.metrics.contacts import close_fingers
 from pipelines.metrics.force_closure import min_friction
 from pipelines.refinement.copies import Copier, point_affordance

@@ -25,7 +25,7 @@ from pipelines.evaluation.truth import TruthReader
 from pipelines.frames.frames import find_frames
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import transform_points
-from pipelines.mesh_symmetry.detection.surface import Surface
+from pipelines.mesh_symmetry.surface.sampled_surface import Surface
 from pipelines.runtime.batch import BatchOptions
 from pipelines.storage.provenance import read_stamp
 

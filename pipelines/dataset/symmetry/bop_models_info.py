@@ -19,15 +19,15 @@ import numpy as np
 from pipelines.array_types import Array
 from pipelines.contents import reading
 from pipelines.errors import FormatError, SymgraspError
+from pipelines.geometry.meshes.diameter import diameter
 from pipelines.geometry.meshes.mesh import Mesh
-from pipelines.geometry.symmetry import RotationSymmetry, SphereSymmetry, Symmetry
-from pipelines.mesh_symmetry.detection.rotation_group import (
+from pipelines.geometry.rotation_group import (
     PARALLEL_COSINE,
     SAME_ROTATION,
     implied_rotations,
     turn_of,
 )
-from pipelines.mesh_symmetry.detection.surface import diameter
+from pipelines.geometry.symmetry import RotationSymmetry, SphereSymmetry, Symmetry
 from pipelines.storage.files import read_json, write_json
 
 MILLIMETRES = 1000.0  # per metre

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipelines.array_types import Array
+from pipelines.geometry.directions import sphere_directions
 from pipelines.geometry.symmetry import RotationSymmetry, SphereSymmetry
 from pipelines.geometry.symmetry_icp.surface import FreeSpace, SeenSurface, largest_gaps, ramp
 from pipelines.geometry.transforms import basis_from_direction, unit
@@ -125,7 +126,7 @@ def sphere_fit(surface: SeenSurface, space: FreeSpace) -> BodyFit:
     axes = unit(np.random.default_rng(0).normal(size=(SPHERE_AXES, 3)))
     turned = [RotationSymmetry(axis, center).turn(points, TURNS) for axis in axes]
     occlusion = float(space.occupancy_error(np.concatenate(turned)).max(axis=0).mean())
-    covered = spread_directions(DIRECTIONS) @ unit(points - center).T > COVER_COSINE
+    covered = sphere_directions(DIRECTIONS) @ unit(points - center).T > COVER_COSINE
     coverage = float(covered.any(axis=1).mean())
     accepted = error < MAX_MEAN_ERROR and occlusion < MAX_OCCLUSION
     accepted &= coverage > MIN_SPHERE_COVERAGE
@@ -141,11 +142,3 @@ def _sphere_errors(surface: SeenSurface, center: Array) -> Array:
 def _mean_error(errors: Array) -> float:
     """Return the mean error, 0 to 1, of the angles `errors` (n,), radians."""
     return float(ramp(np.degrees(errors), FULL_FIT, FULL_MISS).mean())
-
-
-def spread_directions(count: int) -> Array:
-    """Return (count, 3) unit vectors, evenly spread over the sphere (Fibonacci's lattice)."""
-    height = 1.0 - (2 * np.arange(count) + 1) / count
-    turn = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)
-    radius = np.sqrt(1.0 - height**2)
-    return np.stack([radius * np.cos(turn), radius * np.sin(turn), height], axis=1)

@@ -25,8 +25,7 @@ from pipelines.grasping.symmetries.region_shape import (
 )
 from pipelines.grasping.symmetries.sources import NETWORK, SHAPE
 
-SAME_ANGLE = np.radians(8.0)  # starts closer than both limits lead to one fit
-SAME_OFFSET = 0.004  # metres
+SAME_START = np.radians(8.0), 0.004  # radians, metres; starts closer than both lead to one fit
 
 SourcedPlane = tuple[Array, Array, int]  # normal, point, source
 
@@ -56,7 +55,7 @@ def candidate_planes(
     foot = middle + offset[:, None] * normal  # point nearest to the middle
     planes = [ReflectionSymmetry(*each) for each in zip(normal, foot, strict=True)]
     sources = np.array([source for _, _, source in chosen])
-    return merged_planes(planes, sources, SAME_ANGLE, SAME_OFFSET)
+    return merged_planes(planes, sources, *SAME_START)
 
 
 def _from_shape(

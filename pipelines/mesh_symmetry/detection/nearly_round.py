@@ -13,15 +13,7 @@ import numpy as np
 
 from pipelines.array_types import Array, Indices
 from pipelines.geometry.transforms import basis_from_direction, rotation_about
-from pipelines.mesh_symmetry.detection.revolution import (
-    HIGHEST_HARMONIC,
-    MAX_HARMONIC,
-    NEAR_AXIS,
-    Axis,
-    profile,
-)
-from pipelines.mesh_symmetry.detection.surface import Surface
-from pipelines.mesh_symmetry.symmetry_verification import (
+from pipelines.mesh_symmetry.detection.symmetry_verification import (
     VERIFICATION_ANGLES,
     Samples,
     SurfaceFit,
@@ -29,6 +21,14 @@ from pipelines.mesh_symmetry.symmetry_verification import (
     fit_of,
     turn_samples,
 )
+from pipelines.mesh_symmetry.surface.cylinder_profile import (
+    HIGHEST_HARMONIC,
+    MAX_HARMONIC,
+    NEAR_AXIS,
+    Axis,
+    profile,
+)
+from pipelines.mesh_symmetry.surface.sampled_surface import Surface
 
 LEAST_LATERAL = 0.25  # sine between normal and axis; normals of flats do not determine the middle
 BEND_SCALES = (0.03, 0.02, 0.015)  # Tukey scales of the fit's steps, of the diameter

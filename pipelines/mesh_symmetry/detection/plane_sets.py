@@ -12,11 +12,10 @@ from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.mesh_symmetry.detection.symmetry_search import (
     FINAL_SAMPLES,
     FINE_SCALES,
-    UnitSurface,
-    fit_of_plane,
     refined_planes,
 )
-from pipelines.mesh_symmetry.symmetry_verification import SurfaceFit
+from pipelines.mesh_symmetry.detection.symmetry_verification import SurfaceFit
+from pipelines.mesh_symmetry.detection.unit_surface import UnitSurface, fit_of_plane
 
 Accepted = tuple[Array, SurfaceFit]  # a plane (nx, ny, nz, d) and its fit
 

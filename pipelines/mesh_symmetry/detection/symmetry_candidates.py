@@ -13,6 +13,7 @@ from scipy.ndimage import distance_transform_edt
 
 from pipelines.array_types import Array, Indices, Singles
 from pipelines.configs import AnnotateSymmetryConfig
+from pipelines.geometry.directions import half_sphere_directions
 from pipelines.geometry.transforms import rotation_about
 
 Grid = Singles
@@ -46,15 +47,6 @@ class DistanceGrid:
         index = np.clip((points - self.origin) / self.cell, 0, last).astype(np.int32)
         found: Grid = self.values[index[..., 0], index[..., 1], index[..., 2]]
         return found
-
-
-def fibonacci_directions(count: int) -> Array:
-    """Return unit vectors (count, 3) spread evenly over the half-sphere z >= 0."""
-    index = np.arange(count)
-    z = (index + 0.5) / count
-    turn = index * np.pi * (3.0 - np.sqrt(5.0))
-    radius = np.sqrt(1.0 - z**2)
-    return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), z])
 
 
 def principal_axis_rows(points: Array) -> Array:
@@ -140,4 +132,4 @@ def distinct_candidates(
 
 def _directions(points: Array, count: int) -> Array:
     frame = principal_axis_rows(points)
-    return np.concatenate([frame, fibonacci_directions(count) @ frame])
+    return np.concatenate([frame, half_sphere_directions(count) @ frame])

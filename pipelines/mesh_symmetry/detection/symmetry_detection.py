@@ -14,7 +14,6 @@ from pipelines.array_types import Array
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, Symmetry
-from pipelines.mesh_symmetry.detection.canonical_pose import CanonicalPose
 from pipelines.mesh_symmetry.detection.plane_sets import (
     ACROSS_COSINE,
     CLOSEST_PLANES,
@@ -30,16 +29,19 @@ from pipelines.mesh_symmetry.detection.symmetry_search import (
     FINE_SAMPLES,
     FINE_SCALES,
     REFINEMENT_ANGLES,
-    UnitSurface,
-    continuous_fit,
-    fit_of_plane,
-    fit_of_turn,
     refined_axes,
     search_axes,
     search_planes,
 )
 from pipelines.mesh_symmetry.detection.symmetry_spheres import sphere_of
-from pipelines.mesh_symmetry.symmetry_verification import SurfaceFit
+from pipelines.mesh_symmetry.detection.symmetry_verification import SurfaceFit
+from pipelines.mesh_symmetry.detection.unit_surface import (
+    UnitSurface,
+    continuous_fit,
+    fit_of_plane,
+    fit_of_turn,
+)
+from pipelines.mesh_symmetry.surface.canonical_pose import CanonicalPose
 
 LEAST_FAMILY = 4  # planes that meet in an axis
 MEET_OFFSET = 0.015  # of the diameter, between an axis and a plane through it

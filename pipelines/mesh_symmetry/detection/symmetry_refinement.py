@@ -11,7 +11,7 @@ import numpy as np
 
 from pipelines.array_types import Array
 from pipelines.geometry.transforms import basis_from_direction, rotation_about, unit
-from pipelines.mesh_symmetry.detection.surface import Surface
+from pipelines.mesh_symmetry.surface.sampled_surface import Surface
 
 _DAMPING = 1e-6
 _MAX_TILT = 0.15  # radians a step

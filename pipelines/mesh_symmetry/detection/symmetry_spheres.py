@@ -11,8 +11,8 @@ from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.geometry.symmetry import SphereSymmetry
 from pipelines.geometry.transforms import unit
 from pipelines.mesh_symmetry.detection.symmetry_refinement import robust_sphere
-from pipelines.mesh_symmetry.detection.symmetry_search import UnitSurface, continuous_fit
-from pipelines.mesh_symmetry.symmetry_verification import SUPPORT_COSINE, Samples
+from pipelines.mesh_symmetry.detection.symmetry_verification import SUPPORT_COSINE, Samples
+from pipelines.mesh_symmetry.detection.unit_surface import UnitSurface, continuous_fit
 
 MAX_MEAN, MAX_P95 = 0.01, 0.025  # of the diameter, between samples and a ball
 MAX_OFFCENTER, MIN_SPREAD = 0.2, 0.2  # exclude caps

@@ -19,12 +19,12 @@ from pipelines.mesh_symmetry.detection.symmetry_detection import (
     analyse_body,
     holding,
 )
+from pipelines.mesh_symmetry.detection.symmetry_verification import SUPPORT_COSINE, SUPPORT_DISTANCE
 from pipelines.mesh_symmetry.parts.revolved_bodies import Body
 from pipelines.mesh_symmetry.parts.sampled_parts import SampledParts
-from pipelines.mesh_symmetry.symmetry_verification import SUPPORT_COSINE, SUPPORT_DISTANCE
 
 PIECE_SAMPLES = 12000
-SAME_PLANE = float(np.cos(np.radians(10.0)))
+SAME_DIRECTION = float(np.cos(np.radians(10.0)))  # of two planes, or axes, of one object
 NUM_PARTIAL = 6  # rejected candidates that are tried on parts
 
 
@@ -146,7 +146,7 @@ class PartSymmetries:
 
 
 def _is_among(plane: ReflectionSymmetry, others: list[ReflectionSymmetry]) -> bool:
-    return any(abs(plane.normal @ other.normal) > SAME_PLANE for other in others)
+    return any(abs(plane.normal @ other.normal) > SAME_DIRECTION for other in others)
 
 
 def is_same(first: Symmetry, second: Symmetry) -> bool:
@@ -154,7 +154,7 @@ def is_same(first: Symmetry, second: Symmetry) -> bool:
     if first.kind != second.kind or getattr(first, "order", None) != getattr(second, "order", None):
         return False
     is_sphere = isinstance(first, SphereSymmetry)
-    return is_sphere or bool(abs(first.direction @ second.direction) > SAME_PLANE)
+    return is_sphere or bool(abs(first.direction @ second.direction) > SAME_DIRECTION)
 
 
 def is_round(symmetry: Symmetry) -> bool:

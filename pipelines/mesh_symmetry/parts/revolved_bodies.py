@@ -1,6 +1,6 @@
 """Bodies of revolution among the parts of a surface: a mug's wall, a pan, a hammer's handle.
 
-Patches propose an axis (`revolution.py`); the body is the connected set of samples on full, round
+Patches propose an axis (`patch_axes.py`); the body is the connected set of samples on full, round
 circles about it. Flat samples fit every axis across them, so they belong to a body only if the body
 bounds them, as a mug bounds its bottom; the flats of a nut do not. A body must end at an edge:
 the middle of a banana is round, but has no visible end.
@@ -11,15 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipelines.array_types import Array, Mask
-from pipelines.mesh_symmetry.detection.revolution import (
-    Axis,
-    profile,
-    refined,
-    revolution_axes,
-    same_line,
-)
-from pipelines.mesh_symmetry.detection.surface import diameter
+from pipelines.geometry.meshes.diameter import diameter
+from pipelines.mesh_symmetry.parts.patch_axes import refined, revolution_axes, same_line
 from pipelines.mesh_symmetry.parts.sampled_parts import SampledParts
+from pipelines.mesh_symmetry.surface.cylinder_profile import Axis, profile
 
 MAX_BODIES = 4
 FLAT_SINE = float(np.sin(np.radians(15.0)))  # between normal and axis

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 from pipelines.array_types import Indices, Mask
 from pipelines.geometry.meshes.mesh import Mesh
-from pipelines.mesh_symmetry.detection.surface import Surface
+from pipelines.mesh_symmetry.surface.sampled_surface import Surface
 
 LINK = 3.0  # of the spacing of the samples: about 28 neighbours
 NO_EDGE = float(np.cos(np.radians(25.0)))  # between the normals of linked samples

@@ -16,9 +16,9 @@ from scipy.spatial import ConvexHull, KDTree, QhullError
 from pipelines.array_types import Array, Indices, Mask
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.geometry.meshes.convex_decomposition import decomposed
+from pipelines.geometry.meshes.diameter import diameter
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.symmetry import ObjectRegion, Symmetry
-from pipelines.mesh_symmetry.detection.surface import diameter
 from pipelines.mesh_symmetry.detection.symmetry_detection import MeshSymmetries
 from pipelines.mesh_symmetry.parts.part_symmetries import PartSymmetries, is_round
 from pipelines.mesh_symmetry.parts.revolved_bodies import MAX_SMOOTH_BORDER, revolved_bodies

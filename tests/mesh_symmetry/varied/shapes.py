@@ -14,7 +14,7 @@ import trimesh
 from pipelines.array_types import Array
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import rotation_about
-from pipelines.mesh_symmetry.detection.surface import Surface
+from pipelines.mesh_symmetry.surface.sampled_surface import Surface
 from tests.mesh_symmetry.varied import defects
 
 AROUND = 120  # vertices of a circle

@@ -9,8 +9,8 @@ from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SphereSymmetry
 from pipelines.geometry.transforms import random_rotation
-from pipelines.mesh_symmetry.detection.canonical_pose import CanonicalPose
 from pipelines.mesh_symmetry.detection.symmetry_detection import detect_symmetries
+from pipelines.mesh_symmetry.surface.canonical_pose import CanonicalPose
 
 CONFIG = AnnotateSymmetryConfig()
 

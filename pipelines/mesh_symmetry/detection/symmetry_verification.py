@@ -18,8 +18,8 @@ import numpy as np
 from pipelines.array_types import Array, Indices, Mask
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.geometry.transforms import rotation_about
-from pipelines.mesh_symmetry.detection.surface import AGREEING_COSINE, Surface
-from pipelines.mesh_symmetry.parts.open_boundary import cut_off, linked
+from pipelines.mesh_symmetry.surface.open_boundary import cut_off, linked
+from pipelines.mesh_symmetry.surface.sampled_surface import AGREEING_COSINE, Surface
 
 # The worst angle decides whether a rotation is continuous; no n-gon up to 12 fits all angles.
 VERIFICATION_ANGLES = tuple(np.radians([25.0, 47.0, 77.0, 104.0, 131.0, 155.0, 180.0]))

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pipelines.geometry.rotation_group import implied_rotations, turn_of
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SphereSymmetry
 from pipelines.geometry.transforms import make_pose, random_rotation, rotation_about
-from pipelines.mesh_symmetry.detection.rotation_group import implied_rotations, turn_of
 
 X, Y, Z = np.eye(3)
 PLACE = np.array([0.02, -0.05, 0.11])

@@ -4,8 +4,9 @@ import numpy as np
 import trimesh
 from numpy.testing import assert_allclose
 
+from pipelines.geometry.meshes.diameter import diameter
 from pipelines.geometry.transforms import make_pose, random_rotation, transform_points
-from pipelines.mesh_symmetry.detection.surface import Surface, diameter
+from pipelines.mesh_symmetry.surface.sampled_surface import Surface
 from tests.geometry.symmetric_shapes import ball, box
 
 

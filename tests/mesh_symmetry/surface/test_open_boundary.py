@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipelines.geometry.meshes.mesh import Mesh
-from pipelines.mesh_symmetry.parts.open_boundary import OpenBoundary, cut_off
+from pipelines.mesh_symmetry.surface.open_boundary import OpenBoundary, cut_off
 from tests.geometry.symmetric_shapes import ball, box, cylinder
 
 

@@ -1,9 +1,7 @@
-"""Axes of revolution of parts of a surface, and the samples that each axis explains.
+"""A surface in cylinder coordinates about an axis, and its full, round circles.
 
-On a surface of revolution the line of every normal meets the axis: the normal does not lean
-sideways. This condition is linear in the Pluecker coordinates of the axis, so a patch gives an axis
-by one eigenvalue problem. A sample supports the axis only if its circle is full: if samples of the
-same height, radius and slope surround the axis.
+A sample supports an axis of revolution only if its circle is full: if samples of the same height,
+radius and slope surround the axis. The normals of round circles do not lean sideways.
 Normalised coordinates: origin at the surface's centroid, unit diameter.
 """
 
@@ -12,15 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipelines.array_types import Array, Indices, Mask
-from pipelines.geometry.numerics.strides import strided_at_least
 from pipelines.geometry.transforms import basis_from_direction
-
-NUM_PATCHES = 32
-PATCH_RADII = (0.08, 0.16, 0.32, 2.0)  # of the diameter; the last covers the whole surface
-PATCH_SAMPLES = 1300
-KEPT_AXES = 5
-SAME_ANGLE, SAME_OFFSET = float(np.radians(6.0)), 0.03
-LEAN_SCALES = (0.5, 0.35, 0.25)  # Tukey scales of the normals' sideways lean, per step of the fit
 
 MAX_LEAN = float(np.sin(np.radians(20.0)))  # a hexagon's sides lean by up to 30 degrees
 NEAR_AXIS = 0.012  # of the diameter; closer to the axis, the lean of a normal is meaningless
@@ -52,42 +42,6 @@ class Profile:
     lean: Array  # sine between the outward normal and the plane through axis and sample
     slope: Array  # radians, direction of the normal in this plane, equal for both signs
     lateral: Array  # sine between normal and axis: 0 for a flat across the axis
-
-
-def revolution_axes(points: Array, normals: Array) -> list[Axis]:
-    """Return the axes of revolution of patches of the surface, by falling support.
-
-    `points`, `normals`: (n, 3) samples, evenly spread.
-    """
-    p, n = (strided_at_least(each, PATCH_SAMPLES) for each in (points, normals))
-    centers = strided_at_least(p, NUM_PATCHES)
-    distance = np.linalg.norm(centers[:, None] - p[None], axis=2)
-    members = np.concatenate([distance < radius for radius in PATCH_RADII])
-    directions, feet = _fitted(p, n, members.astype(np.float64))
-    for limit in LEAN_SCALES:
-        lean = _leans(p, n, directions, feet) / limit
-        directions, feet = _fitted(p, n, np.where(np.abs(lean) < 1.0, (1.0 - lean**2) ** 2, 0.0))
-    lateral = np.linalg.norm(np.cross(n[None], directions[:, None]), axis=2)
-    explained = np.abs(_leans(p, n, directions, feet)) < MAX_LEAN
-    order = np.argsort(-(lateral * explained).sum(axis=1), kind="stable")
-    kept: list[Axis] = []
-    for index in order:
-        axis = Axis(directions[index], feet[index])
-        if len(kept) < KEPT_AXES and not any(same_line(axis, better) for better in kept):
-            kept.append(axis)
-    return kept
-
-
-def refined(axis: Axis, points: Array, normals: Array) -> tuple[Axis, Mask]:
-    """Return `axis` fitted to the samples that support it, and the mask (n,) of these samples."""
-    held = support(profile(axis, points, normals))
-    for _ in range(3):
-        if held.sum() < MIN_COUNT:
-            break
-        directions, feet = _fitted(points, normals, held[None].astype(np.float64))
-        axis = Axis(directions[0], feet[0])
-        held = support(profile(axis, points, normals))
-    return axis, held
 
 
 def profile(axis: Axis, points: Array, normals: Array) -> Profile:
@@ -177,37 +131,3 @@ def _filled(bins: Indices) -> Array:
     middle = np.minimum(empty + (bins.shape[1] - empty) // 2, bins.shape[1] - 1)
     usual = np.maximum(np.take_along_axis(ranked, middle[:, None], axis=1), 1)
     return np.asarray(np.minimum(bins / usual, 1.0).mean(axis=1))
-
-
-def _fitted(points: Array, normals: Array, weights: Array) -> tuple[Array, Array]:
-    """Return direction (k, 3) and point (k, 3) of the best axis for each row of `weights` (k, n).
-
-    A turn w about a point moves x by v + w cross x; on a surface of revolution this motion is
-    tangential: n.v + w.(x cross n) = 0. The smallest eigenvector for unit w is the axis; the part
-    of v along w is the pitch of a screw, which a cylinder does not determine.
-    """
-    rows = np.concatenate([np.cross(points, normals), normals], axis=1)
-    moment = (weights @ (rows[:, :, None] * rows[:, None, :]).reshape(len(rows), 36)).reshape(
-        -1, 6, 6
-    )
-    turning, mixed, moving = moment[:, :3, :3], moment[:, :3, 3:], moment[:, 3:, 3:]
-    scale = np.trace(moving, axis1=1, axis2=2)[:, None, None] + 1e-9
-    back = np.linalg.solve(moving + 1e-5 * scale * np.eye(3), mixed.swapaxes(1, 2))
-    directions = np.linalg.eigh(turning - mixed @ back)[1][:, :, 0]
-    velocity = -np.einsum("kij,kj->ki", back, directions)
-    return directions, np.cross(directions, velocity)
-
-
-def _leans(points: Array, normals: Array, directions: Array, feet: Array) -> Array:
-    """Return the sines (k, n) between each normal and the plane through axis and sample."""
-    sideways = np.cross(directions[:, None], points[None] - feet[:, None])
-    radius = np.linalg.norm(sideways, axis=2)
-    return np.asarray(np.einsum("nd,knd->kn", normals, sideways) / np.maximum(radius, 1e-9))
-
-
-def same_line(first: Axis, second: Axis) -> bool:
-    """Return whether two axes are nearly the same line."""
-    if abs(first.direction @ second.direction) < np.cos(SAME_ANGLE):
-        return False
-    between = np.cross(first.point - second.point, second.direction)
-    return float(np.linalg.norm(between)) < SAME_OFFSET

@@ -1,4 +1,4 @@
-"""Candidate axes of revolution from the normals of a surface.
+"""Candidate axes of revolution of a whole surface, from its normals.
 
 The normal line of every point of a surface of revolution meets the axis. For an axis with unit
 direction u through c, n . (u x (p - c)) = 0, which is linear in u and m = c x u; so a few points

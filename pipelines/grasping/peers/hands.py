@@ -17,9 +17,10 @@ from pipelines.grasping.peers.rectangles import contact_width
 
 HAND_VOXEL = 0.005  # metres, cell of thinned clouds
 OPENING = 0.08  # metres, opening of PointNetGPD's hands
-HEIGHT = 0.02  # metres, height of a hand's bodies, and half the height of its closing region
-BEHIND = 0.02  # metres behind the point, where the closing region begins
-FINGER_LENGTH, THICKNESS, APPROACH_PATH = 0.06, 0.01, 0.03  # metres, a hand in the collision test
+CLOSING_HEIGHT = 0.04  # metres along the binormal, height of the closing region
+CLOSING_BEHIND = 0.02  # metres behind the point, where the closing region begins
+# Metres, a hand in the collision test.
+BODY_HEIGHT, FINGER_LENGTH, THICKNESS, APPROACH_PATH = 0.02, 0.06, 0.01, 0.03
 MAX_FILLED = 0.01  # share of a hand's bodies' cells that may contain points
 MIN_CLOSED_ON = 20  # points between the fingers; fewer are not enough
 
@@ -60,8 +61,9 @@ class Hands:
     def closing_region(self, hand: int, points: Array) -> Array:
         """Return the `points` (k, 3) that a hand closes on, in the hand's frame."""
         local = (points - self.origin[hand]) @ self.rotation[hand]
-        inside = (local[:, 0] > -BEHIND) & (local[:, 0] < self.depth[hand])
-        inside &= (np.abs(local[:, 1]) < self.opening[hand] / 2) & (np.abs(local[:, 2]) < HEIGHT)
+        inside = (local[:, 0] > -CLOSING_BEHIND) & (local[:, 0] < self.depth[hand])
+        inside &= np.abs(local[:, 1]) < self.opening[hand] / 2
+        inside &= np.abs(local[:, 2]) < CLOSING_HEIGHT / 2
         return np.asarray(local[inside])
 
 
@@ -89,7 +91,7 @@ def free_hands(
     Both clouds are thinned to cells of edge `size` metres; `approach_path`: metres behind the palm
     that must be free too.
     """
-    body = (HEIGHT / 2, FINGER_LENGTH, THICKNESS, approach_path)
+    body = (BODY_HEIGHT / 2, FINGER_LENGTH, THICKNESS, approach_path)
     rotation, origin, depth, half, objects, scene = map(
         np.ascontiguousarray,
         (hands.rotation, hands.origin, hands.depth, hands.opening / 2, objects, scene),
@@ -97,7 +99,7 @@ def free_hands(
     filled, _ = _occupancy(rotation, origin, depth, half, scene, body)
     _, inside = _occupancy(rotation, origin, depth, half, objects, body)
     palm = (hands.opening + 2 * THICKNESS) * (THICKNESS + approach_path)
-    cells = HEIGHT * (2 * FINGER_LENGTH * THICKNESS + palm) / size**3
+    cells = BODY_HEIGHT * (2 * FINGER_LENGTH * THICKNESS + palm) / size**3
     return np.asarray((filled <= MAX_FILLED * cells) & (inside > 0))
 
 

@@ -24,6 +24,7 @@ NORMAL_RADIUS = 3  # pixels
 STRIDE = 3  # pixels between the obstacles of the whole scene
 NEVER_MET = 0.002  # metres over the table that no gripper reaches
 STRAY = 0.012  # metres from the neighbours' median, from which a pixel is between surfaces
+NEIGHBORS = 5  # pixels, side of the square of these neighbours
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class SceneCloud:
     def stray(self) -> Mask:
         """(H, W) stray pixels between two surfaces, which depth sensors produce at edges."""
         depth = np.asarray(self.depth, np.float32)
-        return np.asarray(np.abs(cv2.medianBlur(depth, 5) - depth) > STRAY)
+        return np.asarray(np.abs(cv2.medianBlur(depth, NEIGHBORS) - depth) > STRAY)
 
     @property
     def near(self) -> Mask:

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from pipelines.array_types import Mask, Singles
 from pipelines.configs import ColorConfig, InferConfig
 from pipelines.frames.rgbd import Frame
-from pipelines.geometry.numerics.quantiles import quantiles
 from pipelines.geometry.transforms import transform_points
 from pipelines.grasp_files.grasps_tables import REGION_FLAT, REGION_MEASURED, REGION_NO_DEPTH
 from pipelines.grasping.feasibility.limits import Limits
@@ -26,6 +25,7 @@ from pipelines.inference.rated_regions import rated_by_detector
 from pipelines.inference.regions import Region, find_regions, with_containers_joined
 from pipelines.inference.regions_by_color import with_color
 from pipelines.tabletop.regions.color import ColorPieces, color_pieces
+from pipelines.tabletop.regions.object_criteria import top_height
 from pipelines.tabletop.regions_geometric import (
     GeometricRegions,
     enlarged,
@@ -166,9 +166,9 @@ def _status(cloud: RegionCloud, segments: GeometricRegions) -> str:
         return REGION_NO_DEPTH
     if segments.plane is None:
         return REGION_MEASURED
-    height = quantiles(segments.plane.height(cloud.points), 0.9)
     least = segments.least_height(float(cloud.middle[2]))
-    return REGION_MEASURED if height > least else REGION_FLAT
+    stands_out = top_height(cloud.points, segments.plane) > least
+    return REGION_MEASURED if stands_out else REGION_FLAT
 
 
 def why_empty(observation: Observation, *, by_masks: bool = False) -> str:

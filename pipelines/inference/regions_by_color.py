@@ -12,10 +12,11 @@ import numpy as np
 from pipelines.array_types import Mask
 from pipelines.configs import ColorConfig, InferConfig
 from pipelines.geometry.camera import Intrinsics
-from pipelines.geometry.numerics.quantiles import median, quantiles
+from pipelines.geometry.numerics.quantiles import median
 from pipelines.geometry.numerics.strides import strided_at_least
 from pipelines.inference.regions import Depth, Region
 from pipelines.tabletop.regions.color import ColorPieces
+from pipelines.tabletop.regions.object_criteria import top_height
 from pipelines.tabletop.regions.pieces import box_of
 from pipelines.tabletop.regions_geometric import GeometricRegions, without_holes
 
@@ -112,5 +113,5 @@ class _ColorCompletion:
         rows, columns = np.divmod(at, mask.shape[1])
         z, camera = self.depth.ravel()[at].astype(np.float64), self.intrinsics
         x, y = (columns - camera.cx) * z / camera.fx, (rows - camera.cy) * z / camera.fy
-        height = quantiles(plane.height(np.stack([x, y, z], axis=1)), 0.9)
+        height = top_height(np.stack([x, y, z], axis=1), plane)
         return bool(height < self.config.max_low * self.segments.least_height(float(median(z))))

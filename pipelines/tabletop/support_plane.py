@@ -28,12 +28,19 @@ ITERATIONS = 300  # hypotheses per candidate
 FITTED = 20000  # pixels, about, to which planes are fitted, evenly spread
 CONSENSUS_SAMPLE = 4000  # of these pixels, on which hypotheses are compared
 MIN_PIXELS = 200  # fewer pixels determine no plane
+MIN_OWN = 20  # least pixels of a candidate that no earlier candidate has
+MIN_TRIANGLE = 1.0  # pixels^2, twice the area of three pixels that are not collinear
 MAX_FITS = 20  # least-squares fits of a plane to its inliers, until these stay the same
 SIDE = np.cos(np.deg2rad(15.0))  # of the angle beyond which a plane may be the side of a bin
 CELL = 8  # pixels of a cell for testing a floor's surroundings
 LARGE_PART = 0.1  # of a plane's largest part: area from which a part is large
 ENCLOSED = 0.9  # share of a floor's surroundings that are nearer than its plane
 CLOSEST_SHARE = 0.05  # the nearest pixels weigh no more than the pixel at this quantile
+COVERED, ALMOST_ALL = 0.5, 0.8  # shares of a cell's pixels
+LEANS_DOWN = 0.3  # y of a unit normal from which it leans to the image's bottom, as a wall's
+WALL_WEIGHT = 0.6  # of the pixels of a plane that may be a wall
+# Closes gaps between parts of a table that only shadows separate.
+SHADOW_GAPS = np.ones((9, 9), np.uint8)
 
 
 @dataclass(frozen=True)
@@ -139,7 +146,7 @@ def _candidates(
         residual = pixels.beyond(affine)
         inliers = np.abs(residual) < config.plane_tolerance
         own = inliers & left
-        if np.count_nonzero(own) < MIN_PIXELS / 10:
+        if np.count_nonzero(own) < MIN_OWN:
             break
         left &= ~inliers
         if pixels.area @ own < config.min_support_area:
@@ -149,7 +156,7 @@ def _candidates(
         beneath = _seen_through(pixels.points, behind, plane, _in_large_parts(pixels, inliers))
         # For a camera that looks down, a table's normal leans to the image's top (negative y), a
         # wall's to its bottom. Cameras upside down are possible, so the latter only weigh less.
-        facing = 1.0 if plane.normal[1] < 0.3 else 0.6
+        facing = 1.0 if plane.normal[1] < LEANS_DOWN else WALL_WEIGHT
         evidence = facing * (own - config.beneath_weight * beneath)
         found.append(_Candidate(Support(affine, plane), evidence))
     return found
@@ -163,7 +170,7 @@ def _is_floor(candidate: _Candidate, best: _Candidate, pixels: _PixelSample) -> 
     """
     if abs(candidate.support.plane.normal @ best.support.plane.normal) > SIDE:
         return False
-    cells = pixels.covered(candidate.evidence > 0, 0.5)
+    cells = pixels.covered(candidate.evidence > 0, COVERED)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(cells, connectivity=4)
     if count < 2:
         return False
@@ -173,7 +180,7 @@ def _is_floor(candidate: _Candidate, best: _Candidate, pixels: _PixelSample) -> 
     cv2.fillConvexPoly(outline, cv2.convexHull(np.ascontiguousarray(corners)), 1)
     near, wide = (cv2.dilate(outline, np.ones((n, n), np.uint8)) > 0 for n in (3, 5))
     around = wide & ~near
-    nearer = pixels.covered(pixels.beyond(candidate.support.affine) > 0.0, 0.8)
+    nearer = pixels.covered(pixels.beyond(candidate.support.affine) > 0.0, ALMOST_ALL)
     return bool(np.count_nonzero(nearer[around]) > ENCLOSED * around.sum())
 
 
@@ -182,7 +189,7 @@ def _in_large_parts(pixels: _PixelSample, inliers: Mask) -> Mask:
 
     A cable next to a tray, as high as the tray, is no part of the tray's extent.
     """
-    return inliers & large_parts(pixels.covered(inliers, 0.5)).ravel().take(pixels.cells[0])
+    return inliers & large_parts(pixels.covered(inliers, COVERED)).ravel().take(pixels.cells[0])
 
 
 def large_parts(image: NDArray[np.uint8]) -> Mask:
@@ -214,7 +221,7 @@ def _ransac(
     """
     triples = rng.integers(0, len(u), (ITERATIONS, 3))
     matrices = np.stack([u[triples], v[triples], np.ones(triples.shape)], axis=-1)
-    sound = np.abs(np.linalg.det(matrices)) > 1.0
+    sound = np.abs(np.linalg.det(matrices)) > MIN_TRIANGLE
     if not sound.any():
         return None
     hypotheses = np.linalg.solve(matrices[sound], disparity[triples][sound][..., None])[..., 0]

@@ -13,13 +13,22 @@ from pipelines.geometry.numerics.compiled import compiled
 from pipelines.geometry.numerics.quantiles import median, quantiles
 from pipelines.geometry.pointcloud import Plane
 from pipelines.tabletop.footprint import Footprint
-from pipelines.tabletop.support_plane import Affine, Support, find_support, large_parts
+from pipelines.tabletop.support_plane import (
+    SHADOW_GAPS,
+    Affine,
+    Support,
+    find_support,
+    large_parts,
+)
 
 WARP_WINDOW = 81  # pixels over which a sensor bends a flat table
 CLEARLY = 1.6  # factor on the foreground threshold for pixels that may connect two pieces
 NOISE_LIMIT = 10.0  # metres of depth beyond which noise does not grow
 NOISE_FACTOR = 4.0  # standard deviations by which foreground stands out
 MOST_SIDES = 0.25  # side pixels below a table per pixel of it; a lid has more
+NEAREST = 0.05  # quantile of the depths that counts as the nearest, against strays
+MIN_COVER = 0.1  # share of the window of a mean that must have values
+DEVIATION = 1.4826  # standard deviation of normal errors by their median absolute value
 STRIDE = 2  # rows and columns from which a table's noise and extent are measured
 
 
@@ -76,14 +85,14 @@ def find_tabletop(
     residual, inliers = _near_plane(z, near, support.affine, config.plane_tolerance)
     warp = _smooth(residual, inliers)
     some = _spread(inliers)
-    noise = 1.4826 * float(median(np.abs(residual.take(some) - warp.take(some))))
+    noise = DEVIATION * float(median(np.abs(residual.take(some) - warp.take(some))))
     tabletop = Tabletop(support.plane, near, near, inliers, noise)
     limits = config.min_height, tabletop.height_noise, config.max_height
     above, clear = _above(z, near, warp, support.affine, float(support.plane.offset), limits)
     above = np.asarray(cv2.medianBlur(above.view(np.uint8), 3)).view(np.bool_) & near
     points = xyz.reshape(-1, 3)
     # Objects in front cut a table into parts; closing joins parts that only shadows separate.
-    closed = cv2.morphologyEx(inliers.view(np.uint8), cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8))
+    closed = cv2.morphologyEx(inliers.view(np.uint8), cv2.MORPH_CLOSE, SHADOW_GAPS)
     large = inliers & large_parts(np.asarray(closed, np.uint8))
     extent = points.take(_spread(large), axis=0)
     table = Footprint.around(extent, support.plane, config.support_margin)
@@ -119,12 +128,12 @@ def _spread(mask: Mask) -> Indices:
 def _smooth(values: Array, mask: Mask) -> Array:
     """Return the mean (H, W) of `values` over the pixels of `mask` in a wide window.
 
-    `values` are 0 outside `mask`; the mean is 0 if the mask covers a tenth of the window or less.
+    `values` are 0 outside `mask`; the mean is 0 where `mask` covers at most a share of `MIN_COVER`.
     """
     size = (WARP_WINDOW, WARP_WINDOW)
     share = np.asarray(cv2.boxFilter(mask.view(np.uint8), cv2.CV_64F, size), np.float64)
     total = np.asarray(cv2.boxFilter(values, -1, size), np.float64)
-    share[share <= 0.1] = np.inf
+    share[share <= MIN_COVER] = np.inf
     total /= share
     return total
 
@@ -134,7 +143,7 @@ def near_pixels(z: Array, config: RegionConfig) -> Mask:
     measured = z > 0
     if not measured.any():
         return np.asarray(measured)
-    nearest = float(quantiles(z.take(_spread(measured)), 0.05))
+    nearest = float(quantiles(z.take(_spread(measured)), NEAREST))
     return np.asarray(measured & (z < min(config.max_distance, nearest + config.max_range)))
 
 

@@ -33,6 +33,10 @@ ANGLES = np.radians([0.0, 20.0, -20.0, 40.0, -40.0])  # about the contact line
 HIDDEN_PENALTY = 0.3  # of the confidence that a boundary facing away is the object's end
 MIN_CELL, MAX_CELLS = 0.002, 120  # metres; cells along the longer side
 MARGIN = 3  # empty cells about the region
+EXTREMES = (0.02, 0.98)  # shares of the cells, against strays: nearest and farthest depth
+SHORTEST = 4  # cells; a shorter outline is a stray
+SMOOTHING = 2.0  # cells, of an outline before its normals are measured
+OUTSIDE = 2.5  # cells beyond the outline where the depth below the wall is taken
 
 
 @dataclass(frozen=True)
@@ -98,7 +102,7 @@ def _slice_depths(
     """
     gripper, config, table = feasibility.gripper, feasibility.config, feasibility.scene.plane
     seen = view.depth[np.isfinite(view.depth)]
-    nearest, farthest = quantiles(seen, (0.02, 0.98))
+    nearest, farthest = quantiles(seen, EXTREMES)
     deep = [d for d in SLICE_DEPTHS[1:] if d < farthest - nearest + THINNEST]
     # At least one slice: the sides beneath a flat top, seen from straight above, are invisible.
     slices = nearest + np.array([SLICE_DEPTHS[0], *deep])
@@ -132,12 +136,12 @@ def _slice_pairs(
 def _boundary(inside: NDArray[np.uint8]) -> tuple[Array, Array]:
     """Return evenly chosen boundary cells (n, 2) (column, row), and outward normals (n, 2)."""
     contours, _ = cv2.findContours(inside, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-    long = [contour[:, 0] for contour in contours if len(contour) > 4]
+    long = [contour[:, 0] for contour in contours if len(contour) > SHORTEST]
     if not long:
         return np.zeros((0, 2)), np.zeros((0, 2))
     cells = np.concatenate(long).astype(np.int64)
     cells = np.ascontiguousarray(strided_at_least(cells, MAX_BOUNDARY))
-    smooth = np.asarray(cv2.GaussianBlur(inside.astype(np.float64), (0, 0), 2.0), np.float64)
+    smooth = np.asarray(cv2.GaussianBlur(inside.astype(np.float64), (0, 0), SMOOTHING), np.float64)
     return cells.astype(np.float64), -unit(_slopes(smooth, cells))
 
 
@@ -193,16 +197,16 @@ def _slopes(smooth: Array, cells: Indices) -> Array:
 def _wall_steepness(depth: Array, at: float, cell: float, cells: Array, outward: Array) -> Array:
     """Return the sine (n,) between the wall below a boundary cell and the plane of the slice.
 
-    Two and a half cells farther out the region has either ended (a wall as steep as can be seen) or
-    is deeper by an amount that gives the slope. `depth`: (h, w), sliced `at` metres.
+    `OUTSIDE` cells farther out the region has either ended (a wall as steep as can be seen) or is
+    deeper by an amount that gives the slope. `depth`: (h, w), sliced `at` metres.
     """
     height, width = depth.shape
     steep = np.ones(len(cells))
     for n in range(len(cells)):
-        column = int(np.rint(cells[n, 0] + 2.5 * outward[n, 0]))
-        row = int(np.rint(cells[n, 1] + 2.5 * outward[n, 1]))
+        column = int(np.rint(cells[n, 0] + OUTSIDE * outward[n, 0]))
+        row = int(np.rint(cells[n, 1] + OUTSIDE * outward[n, 1]))
         fall = depth[min(max(row, 0), height - 1), min(max(column, 0), width - 1)] - at
-        fall = (max(fall, 0.0) if fall < np.inf else 1.0) / (2.5 * cell)
+        fall = (max(fall, 0.0) if fall < np.inf else 1.0) / (OUTSIDE * cell)
         steep[n] = fall / np.hypot(fall, 1.0)
     return steep
 

@@ -15,6 +15,7 @@ from pipelines.configs import ColorConfig
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.tabletop.depth_segments import Labels
 from pipelines.tabletop.organized import Bytes
+from pipelines.tabletop.support_plane import LARGE_PART, SHADOW_GAPS
 
 THINNED = 4  # rows and columns of an image from which the table's colour is taken
 # Standard deviations beyond which pixels are left out of the mean colour, in each pass. With k, an
@@ -24,7 +25,6 @@ LEAST_SPREAD = 1.6  # Lab, of the table's colour: noise of a camera
 LEAST_SEEN = 0.02  # share of a window that must be bare table
 LIGHTNESS_UNITS = 255.0 / 100.0  # of OpenCV's 8-bit Lab
 RIM = 5  # pixels along the outline of a table in which its edge may stand out
-GAPS = np.ones((9, 9), np.uint8)  # between parts of a table that only shadows separate
 SQUARE = np.ones((3, 3), np.uint8)
 CROSS = np.asarray(cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3)), np.uint8)
 DISC = np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (9, 9)), np.uint8)
@@ -101,10 +101,12 @@ def _connected(parts: Bytes) -> tuple[int, Labels, NDArray[np.int32]]:
 def table_outline(bare: Mask) -> Bytes:
     """Return the convex outline (H, W), 1 inside, of the large parts of a table's `bare` pixels."""
     outline = np.zeros(bare.shape, np.uint8)
-    closed = cv2.morphologyEx(bare.astype(np.uint8), cv2.MORPH_CLOSE, GAPS)
+    closed = cv2.morphologyEx(bare.astype(np.uint8), cv2.MORPH_CLOSE, SHADOW_GAPS)
     parts, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     areas = [cv2.contourArea(part) for part in parts]
-    large = [part for part, area in zip(parts, areas, strict=True) if area > 0.1 * max(areas)]
+    large = [
+        part for part, area in zip(parts, areas, strict=True) if area > LARGE_PART * max(areas)
+    ]
     if large:
         cv2.fillConvexPoly(outline, cv2.convexHull(np.concatenate(large)), 1)
     return outline

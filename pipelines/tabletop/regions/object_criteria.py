@@ -25,6 +25,9 @@ MIN_BORDER = 20  # pixels on the image border from which an object continues out
 FITTED = 500  # points of a piece, about, to which a plane is fitted
 BARE = 2000  # points of the support, about, that are compared with a piece's plane
 STEEP = np.cos(np.deg2rad(30.0))  # of the angle to the support from which a plane may be a wall
+MAX_HANGING = 0.5  # largest share of an object's pixels that hang above the support
+TOP = 0.9  # quantile of the heights of a piece that is its top, against strays
+VIEW_ENDS = (0.05, 0.95)  # quantiles of a piece's points along the view, against strays
 MAX_DRAWN_OUT = 2.2  # length along the view by width across it; of real objects up to 1.7
 BEHIND = 0.01  # metres behind a piece's plane from which the support counts
 
@@ -53,7 +56,7 @@ class ObjectCriteria:
         count = np.count_nonzero(seen)
         if not count:
             return True
-        if np.count_nonzero(self.hanging.take(pixels[seen])) > 0.5 * count:
+        if np.count_nonzero(self.hanging.take(pixels[seen])) > MAX_HANGING * count:
             return False
         return self.has_size_and_place(points[seen], pixels)
 
@@ -64,7 +67,7 @@ class ObjectCriteria:
         plane, size = self.tabletop.plane, extent(points)
         if size > self.config.max_extent:
             return False
-        low = plane is not None and _top_height(plane, points) < self.config.max_cut_height
+        low = plane is not None and top_height(points, plane) < self.config.max_cut_height
         if border > MIN_BORDER and size > self.config.max_cut_extent and not low:
             return False
         # A strip along the image border, or a large object that reaches in from outside.
@@ -81,7 +84,7 @@ class ObjectCriteria:
         if self.tabletop.plane is None:
             return True
         least = TALL * self.tabletop.threshold(median(points[:, 2]), self.config)
-        return bool(_top_height(self.tabletop.plane, points) > least)
+        return bool(top_height(points, self.tabletop.plane) > least)
 
     def is_smear(self, points: Array) -> bool:
         """Return whether the piece of `points` (n, 3) is drawn out along the view (D. 137).
@@ -92,7 +95,8 @@ class ObjectCriteria:
         ray = unit(middle)
         along = (points - middle) @ ray
         across = points - middle - along[:, None] * ray
-        low, high = quantiles(along, (0.05, 0.95))
+        low, high = quantiles(along, VIEW_ENDS)
+        # A uniform spread has a twelfth of its squared width as variance.
         width = np.sqrt(12.0 * np.linalg.eigvalsh(across.T @ across / len(points))[-1])
         return bool(high - low > MAX_DRAWN_OUT * width)
 
@@ -145,5 +149,6 @@ class ObjectCriteria:
         return Footprint.around(self._bare, self.tabletop.plane, 0.0)
 
 
-def _top_height(plane: Plane, points: Array) -> float:
-    return float(quantiles(plane.height(points), 0.9))
+def top_height(points: Array, plane: Plane) -> float:
+    """Return the height in metres of the top of a piece of `points` (n, 3) over `plane`."""
+    return float(quantiles(plane.height(points), TOP))

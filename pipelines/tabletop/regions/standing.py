@@ -13,7 +13,7 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.numerics.quantiles import median, quantiles
 from pipelines.geometry.numerics.strides import strided_at_least
 from pipelines.geometry.pointcloud import Plane
-from pipelines.tabletop.depth_segments import Labels, extent
+from pipelines.tabletop.depth_segments import BULK, Labels, extent
 from pipelines.tabletop.regions.pieces import (
     UNMEASURED,
     Box,
@@ -26,6 +26,7 @@ from pipelines.tabletop.tabletop import Tabletop
 
 FOOT = 6  # pixels below and above a piece where a nearer piece, or missing depth, may hide its foot
 FEET = 500  # points of a piece whose feet on the table are checked
+HIDDEN_FOOT = 0.3  # least share of the pixels within `FOOT` that hide the foot
 KNOWN_FEET = 0.5  # least share of these feet with measured depth
 LOWEST = 0.15  # share of a piece's points that are its lowest, or its highest
 DROPS = 0.04, 0.06, 0.1  # metres beneath the lowest points where background may be seen
@@ -56,7 +57,11 @@ def standing(
         return result
     measured = box_of(np.isfinite(xyz[..., 2]))
     pieces = pieces_of_labels(surfaces, xyz, config.min_pixels)
-    floating = [p for p in pieces if quantiles(plane.height(p.points), 0.02) >= config.max_floating]
+    floating = [
+        piece
+        for piece in pieces
+        if quantiles(plane.height(piece.points), BULK[0]) >= config.max_floating
+    ]
     # A free-hanging piece is held from outside the image, or by something unseen (D. 136).
     hanging = [
         piece
@@ -131,7 +136,7 @@ def _foot_may_be_hidden(piece: LabelledPiece, xyz: Array, surfaces: Labels, plan
     nearer = (around > 0) & (z < median(piece.points[:, 2]))
     beneath = cv2.dilate(shape, np.ones((FOOT + 1, 1), np.uint8), anchor=(0, foot)) > 0
     hidden = beside & (nearer | (beneath & np.isnan(z)))
-    return bool(hidden.sum() > FOOT * 0.3 * np.count_nonzero(inside.any(axis=0)))
+    return bool(hidden.sum() > FOOT * HIDDEN_FOOT * np.count_nonzero(inside.any(axis=0)))
 
 
 def _hides_its_foot(

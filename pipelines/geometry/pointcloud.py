@@ -37,5 +37,5 @@ def drawn_indices(available: int, count: int, rng: np.random.Generator) -> Indic
 
 
 def voxel_downsample(points: ArrayLike, size: float) -> Indices:
-    """Return the index of one point in each cube of edge `size` metres, in ascending order."""
+    """Return indices (k,), ascending, of `points` (n, 3): one in each cube of `size` metres."""
     return first_of_each(cell_keys(np.asarray(points, np.float64), size))

@@ -22,20 +22,20 @@ def make_pose(rotation: ArrayLike, translation: ArrayLike) -> Array:
 
 
 def invert(T: ArrayLike) -> Array:
-    """Return the inverse of rigid transforms (..., 4, 4)."""
+    """Return the inverses (..., 4, 4) of rigid transforms `T` (..., 4, 4)."""
     T = np.asarray(T, np.float64)
     R_inverse = np.swapaxes(T[..., :3, :3], -1, -2)
     return make_pose(R_inverse, -np.einsum("...ij,...j->...i", R_inverse, T[..., :3, 3]))
 
 
 def transform_points(T: ArrayLike, points: ArrayLike) -> Array:
-    """Map `points` (..., 3) by one transform (4, 4)."""
+    """Return `points` (..., 3) moved by one transform `T` (4, 4)."""
     T = np.asarray(T, np.float64)
     return np.asarray(np.asarray(points, np.float64) @ T[:3, :3].T + T[:3, 3])
 
 
 def rotate_vectors(T: ArrayLike, vectors: ArrayLike) -> Array:
-    """Rotate `vectors` (..., 3) by the rotation of one (4, 4) transform or (3, 3) matrix."""
+    """Return `vectors` (..., 3) turned by `T`, a matrix (3, 3) or the one of a transform (4, 4)."""
     return np.asarray(vectors, np.float64) @ np.asarray(T, np.float64)[:3, :3].T
 
 
@@ -46,7 +46,7 @@ def unit(vectors: ArrayLike) -> Array:
 
 
 def cross(first: Array, second: Array) -> Array:
-    """Return the cross products (..., 3) of vectors (..., 3).
+    """Return the cross products (..., 3) of the vectors `first` and `second` (..., 3).
 
     Equal to `np.cross`, and much faster for few vectors.
     """

@@ -35,7 +35,10 @@ def camera(size: int) -> Intrinsics:
 
 
 def view_along(mesh: Mesh, direction: Array, up: Array) -> Array:
-    """Return `T_mesh_cam` (4, 4) of a camera that sees all of `mesh` along `direction` (3,)."""
+    """Return `T_mesh_cam` (4, 4) of a camera that sees all of `mesh` along `direction` (3,).
+
+    `up`: (3,) mesh frame, the top of the picture.
+    """
     forward = unit(direction)
     right = np.cross(forward, up)
     if np.linalg.norm(right) < 1e-3:  # `up` is along the view: use another direction

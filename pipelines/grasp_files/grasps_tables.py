@@ -32,7 +32,7 @@ class RegionTable(ColumnTable):
 
     frame: NDArray[Any] = table_column((), np.int32)  # index into the frames
     box: NDArray[Any] = table_column((4,), np.float32)  # x0, y0, x1, y1 pixels, x1 and y1 exclusive
-    confidence: NDArray[Any] = table_column((), np.float32)  # the detector's, 0..1
+    confidence: NDArray[Any] = table_column((), np.float32)  # 0 to 1, see `Region`
     # Existence is the network's probability of each slot, nan without a network; confidence is the
     # probability after the fit. Points in metres, directions unit; nan without a symmetry.
     existence: NDArray[Any] = table_column((NUM_SLOTS,), np.float32)
@@ -206,7 +206,7 @@ def ranks_in_frame(frame: NDArray[Any], rank_score: NDArray[Any]) -> NDArray[np.
 
 
 def are_worth_trying(ranker: NDArray[Any], rank_score: NDArray[Any], least: float) -> Mask:
-    """Return (g,) whether grasps score `least` or more; True by Eq. 8, no predicted quality."""
+    """Return (g,) whether `rank_score` (g,) is `least` or more; True unless a critic ranks."""
     return np.asarray((ranker != "critic") | (rank_score >= np.float32(least)))
 
 

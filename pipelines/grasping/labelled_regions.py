@@ -29,7 +29,10 @@ class LabelledSurface:
         return cls(KDTree(points), affordance)
 
     def affordance_at(self, points: Array, radius: float) -> Array:
-        """Return the affordance (m,) of the nearest surface point within `radius`, else 0."""
+        """Return the affordance (m,) of the surface point nearest to each of `points` (m, 3).
+
+        It is 0 without a surface point within `radius` metres.
+        """
         _, nearest = self.tree.query(points, distance_upper_bound=radius)
         # Without a near point, the index is one past the last.
         return np.append(self.affordance, 0.0)[nearest]

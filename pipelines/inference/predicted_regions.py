@@ -57,7 +57,10 @@ def predicted_regions(
 def compared_regions(
     clouds: Sequence[RegionCloud], scene: SceneCloud, color: NDArray[np.uint8], method: RegionMethod
 ) -> list[PredictedRegion]:
-    """Return `clouds` with the symmetries that `method` finds; all their points are graspable."""
+    """Return `clouds` with the symmetries that `method` finds; all their points are graspable.
+
+    `color`: (H, W, 3) RGB of the frame.
+    """
     regions = []
     for cloud in clouds:
         slots = method(cloud, scene, color)

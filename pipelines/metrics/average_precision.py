@@ -55,7 +55,10 @@ def last_equals(falling: Array) -> NDArray[np.int64]:
 
 
 def average_precision(confidence: ArrayLike, correct: ArrayLike, num_truth: int) -> float:
-    """Return the area under the precision-recall curve, all points; nan without any truth."""
+    """Return the area under the precision-recall curve, all points; nan without any truth.
+
+    `confidence`, `correct`: (p,) of the predictions, in any order.
+    """
     if num_truth == 0:
         return float("nan")
     recall, precision = precision_recall(confidence, correct, num_truth)
@@ -65,7 +68,10 @@ def average_precision(confidence: ArrayLike, correct: ArrayLike, num_truth: int)
 def interpolated_precision(
     confidence: ArrayLike, correct: ArrayLike, num_truth: int, recalls: ArrayLike
 ) -> Array:
-    """Return (r,) the best precision at each of `recalls` or beyond; 0 for recalls not reached."""
+    """Return (r,) the best precision at each of `recalls` or beyond; 0 for recalls not reached.
+
+    Other arguments as in `average_precision`.
+    """
     recall, precision = precision_recall(confidence, correct, num_truth)
     reached = np.searchsorted(recall, np.asarray(recalls, np.float64), side="left")
     return np.append(_envelope(precision), 0.0)[reached]

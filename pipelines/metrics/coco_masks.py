@@ -24,8 +24,8 @@ ANY_AREA = [0.0, 1e10]
 def match_masks(masks: Sequence[Mask], confidence: Sequence[float], truth: Sequence[Mask]) -> Mask:
     """Return (10, p) whether each predicted mask is right, at each of IOU_THRESHOLDS.
 
-    Each true mask is matched once, by the most confident prediction. All masks are of one image
-    and one class.
+    Each mask of `truth` is matched once, by the most confident prediction. All masks (H, W) are of
+    one image and one class.
     """
     if not masks or not truth:
         return np.zeros((len(IOU_THRESHOLDS), len(masks)), np.bool_)

@@ -9,7 +9,7 @@ from pipelines.array_types import Array, Mask
 
 
 def mask_iou(masks: Sequence[Mask], others: Sequence[Mask]) -> Array:
-    """Return (p, t) intersection over union of boolean masks, all of one size."""
+    """Return (p, t) intersection over union of p `masks` and t `others`, all (H, W)."""
     if not masks or not others:
         return np.zeros((len(masks), len(others)))
     # Products of 0/1 matrices count pixels; float32 is exact up to 16 million pixels.

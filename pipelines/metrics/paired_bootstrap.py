@@ -25,7 +25,7 @@ LARGEST_DRAW = 64  # draws that are computed together
 
 @dataclass(frozen=True)
 class FrameMeans:
-    """A mean over objects: for each of f frames the sum over its objects, and their number."""
+    """A mean over objects: of f frames, the `sums` (f,) over objects, and their `counts` (f,)."""
 
     sums: Array
     counts: Array

@@ -41,7 +41,7 @@ class PredictedSymmetry:
 
 @dataclass(frozen=True)
 class TrueRegion:
-    """Points (n, 3) of a region and its symmetries, in the frame of the predictions."""
+    """The `points` (n, 3) of a region and its symmetries, metres, in the predictions' frame."""
 
     points: Array
     symmetries: tuple[Symmetry, ...]

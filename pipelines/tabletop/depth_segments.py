@@ -94,7 +94,8 @@ def inward_fold(xyz: Array, mask: Mask, focal: float, config: RegionConfig) -> S
     """Return the inward fold (H, W) of the surface of `mask`: -2 sin(angle / 2), 0 where convex.
 
     The normals on both sides of a convex edge point apart, normals at a concave edge toward each
-    other (Stein et al., LCCP): (n_2 - n_1) . (p_2 - p_1) / |p_2 - p_1| is then negative.
+    other (Stein et al., LCCP): (n_2 - n_1) . (p_2 - p_1) / |p_2 - p_1| is then negative. `xyz`:
+    (H, W, 3) metres, camera frame, nan where missing.
     """
     radius = max(2, round(config.normal_radius * min(1.0, focal / USUAL_FOCAL)))
     reach = radius + 1
@@ -109,7 +110,7 @@ def connected(xyz: Array, mask: Mask, config: RegionConfig) -> Labels:
     """Label the surfaces of `mask` (H, W), whose pixels are all measured; 0 elsewhere.
 
     A surface has no step in depth. It continues along rows and columns to pixels up to `GAP` apart
-    without depth between. Surfaces are numbered row by row.
+    without depth between. Surfaces are numbered row by row. `xyz`: as in `inward_fold`.
     """
     steps = config.depth_step * (1.0 + 0.25 * np.arange(GAP + 1, dtype=np.float32))
     return _joined(xyz[..., 2].astype(np.float32), np.ascontiguousarray(mask), steps)

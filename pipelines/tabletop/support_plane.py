@@ -100,7 +100,8 @@ def find_support(
     Each candidate is found among the pixels that earlier candidates left. The best candidate has
     most pixels, near pixels weighing more; pixels seen through its extent count against it, because
     a table is opaque. Planes of a few square centimetres are fingers in front of the lens: they are
-    no candidates and have no weight (D. 106).
+    no candidates and have no weight (D. 106). `xyz`: (H, W, 3) metres, camera frame. `near`: (H, W)
+    pixels to use.
     """
     at = np.flatnonzero(near)
     if len(at) < MIN_PIXELS:

@@ -93,7 +93,7 @@ class MaskFaults:
 
 
 def leaked(mask: Mask, others: Mask, reach: float, rng: np.random.Generator) -> Mask:
-    """Return `mask` with the pixels of `others` in a disc around a pixel where both touch.
+    """Return `mask` (H, W) with the pixels of `others` in a disc around a pixel where both touch.
 
     `reach`: radius of the disc, in units of the square root of the mask's area.
     """
@@ -108,7 +108,7 @@ def leaked(mask: Mask, others: Mask, reach: float, rng: np.random.Generator) -> 
 
 
 def truncated(mask: Mask, share: float, rng: np.random.Generator) -> Mask:
-    """Return `mask` without the `share` of its pixels farthest along a random direction."""
+    """Return `mask` (H, W) without the `share` of its pixels farthest in a random direction."""
     rows, columns = np.nonzero(mask)
     if len(rows) < 2:
         return mask

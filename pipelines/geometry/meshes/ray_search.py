@@ -36,13 +36,16 @@ class EmbreeSearch:
         self._mesh = TriangleMesh(self._scene, triangles.astype(np.float32))
 
     def first(self, origins: Array, directions: Array) -> tuple[Indices, Array]:
-        """Return the first triangle (r,) of each ray, -1 for none, and its distance (r,)."""
+        """Return the first triangle (r,) of each ray, -1 for none, and its distance (r,).
+
+        `origins`, `directions`: (r, 3) mesh frame.
+        """
         found = self._run(origins, directions, output=1)
         triangle = np.where(found["geomID"] >= 0, found["primID"], -1).astype(np.int64)
         return triangle, found["tfar"].astype(np.float64)
 
     def any(self, origins: Array, directions: Array) -> Mask:
-        """Return (r,) whether each ray hits anything."""
+        """Return (r,) whether each ray hits anything; arguments as in `first`."""
         return np.asarray(self._run(origins, directions, query="OCCLUDED") >= 0)
 
     def _run(self, origins: Array, directions: Array, **options: object) -> Any:  # noqa: ANN401
@@ -62,11 +65,14 @@ class TreeSearch:
         self._triangles = np.ascontiguousarray(triangles[self._tree[0]])
 
     def first(self, origins: Array, directions: Array) -> tuple[Indices, Array]:
-        """Return the first triangle (r,) of each ray, -1 for none, and its distance (r,)."""
+        """Return the first triangle (r,) of each ray, -1 for none, and its distance (r,).
+
+        `origins`, `directions`: (r, 3) mesh frame.
+        """
         return self._cast(origins, directions, any_hit=False)
 
     def any(self, origins: Array, directions: Array) -> Mask:
-        """Return (r,) whether each ray hits anything."""
+        """Return (r,) whether each ray hits anything; arguments as in `first`."""
         return np.asarray(self._cast(origins, directions, any_hit=True)[0] >= 0)
 
     def _cast(self, origins: Array, directions: Array, any_hit: bool) -> tuple[Indices, Array]:

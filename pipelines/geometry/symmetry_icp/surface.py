@@ -23,7 +23,7 @@ RIM_GAP = np.pi / 2  # angle without a neighbour at a point of the edge
 
 @dataclass(frozen=True)
 class SeenSurface:
-    """Points (n, 3) of a surface, and their unit normals (n, 3) toward the camera."""
+    """Surface `points` (n, 3), metres, and their unit `normals` (n, 3) toward the camera."""
 
     points: Array
     normals: Array
@@ -115,5 +115,5 @@ class FreeSpace:
 
 
 def ramp(values: Array, low: float, high: float) -> Array:
-    """Return 0 up to `low`, 1 from `high` on, and linearly between."""
+    """Return (...) 0 for `values` (...) up to `low`, 1 from `high` on, and linearly between."""
     return np.clip((values - low) / (high - low), 0.0, 1.0)

@@ -21,7 +21,10 @@ Cells = tuple[Singles, Counts, Counts, Singles, Singles]
 
 @compiled
 def frames_about(rotation: Array, translation: Array, center: Array) -> Singles:
-    """Return matrices (k, 3, 4) into the frames of k grasps, from coordinates about `center`."""
+    """Return matrices (k, 3, 4) into the frames of k grasps, from coordinates about `center` (3,).
+
+    `rotation`: (k, 3, 3). `translation`: (k, 3) metres.
+    """
     frames = np.empty((len(rotation), 3, 4), np.float32)
     for k in range(len(rotation)):
         for axis in range(3):

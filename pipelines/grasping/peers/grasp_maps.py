@@ -26,7 +26,7 @@ TIE_BLUR, TIE_WEIGHT = 6.0, 0.01  # pixels; share of the quality
 
 @dataclass(frozen=True)
 class GraspMaps:
-    """The four maps (h, w) float32."""
+    """The maps (h, w): quality, cosine and sine of twice the angle, width."""
 
     quality: Singles
     cos: Singles

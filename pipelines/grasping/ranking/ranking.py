@@ -22,7 +22,7 @@ Critic = Callable[[GraspFeatures], Array]  # expected quality (k,) of k grasps, 
 
 
 def expected_quality(network: PointCritic, features: GraspFeatures) -> Array:
-    """Return the expected quality by the network of `symgrasp train-critic grasps`, a `Critic`."""
+    """Return the expected quality (k,) by the network of `train-critic grasps`; a `Critic`."""
     candidates = features.candidates()
     return network.probability(features.points(), candidates[:, :0], candidates)
 
@@ -55,7 +55,7 @@ def critic_score(features: GraspFeatures, critic: Critic, config: RankingConfig)
 def torque_arm(grasps: GraspPoses, center: Array, up: Array) -> Array:
     """Return the lever arm (n,), metres, of a weight at `center` (3,) about the closing line.
 
-    The arm is 0 for a centre on the line or straight below.
+    The arm is 0 for a centre on the line or straight below. `up`: (3,) unit, camera frame.
     """
     moment = np.cross(center - grasps.translation, up)
     return np.asarray(np.abs((moment * grasps.closing).sum(axis=1)))
@@ -67,7 +67,7 @@ def non_maximum_suppression(
     angle: float,
     sound: Callable[[GraspPoses], Mask | bool] = lambda _some: True,
 ) -> Indices:
-    """Return the indices of sound `grasps`, best first, that differ from all better grasps.
+    """Return the indices (m,) of sound `grasps`, best first, that differ from all better grasps.
 
     A grasp is removed if the origin of a better grasp that stays is nearer than `distance` metres,
     and their rotations, with fingers swapped or not, differ by less than `angle` radians. `sound`

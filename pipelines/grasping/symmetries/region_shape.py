@@ -40,9 +40,10 @@ def region_top(points: Array, table: Plane) -> float:
 
 
 def face_directions(points: Array, normals: Array) -> list[Array]:
-    """Return the edges of two fitting boxes: the largest face's normal and two directions across.
+    """Return edges (3,) of two fitting boxes: the largest face's normal, and directions across.
 
-    The directions across follow from the other faces, if any are seen, and from the outline.
+    Two directions follow from the outline, two from the other faces, if any are seen. `points`:
+    (n, 3) metres. `normals`: (n, 3) unit.
     """
     face = largest_face(normals)
     basis = basis_from_direction(face)[:, 1:]

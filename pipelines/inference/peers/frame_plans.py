@@ -70,7 +70,10 @@ def _union(regions: list[Region], shape: tuple[int, ...]) -> Mask:
 
 
 def best_first(grasps: GraspPoses, score: Array, scene: SceneCloud) -> tuple[GraspPoses, Array]:
-    """Return the best grasps within the robot's limits, and their scores."""
+    """Return the best grasps within the robot's limits, and their scores (m,).
+
+    `score`: (n,) of `grasps`, higher is better.
+    """
     order = np.argsort(-score, kind="stable")
     if scene.limits is not None:
         order = order[scene.limits.allow(grasps[order])]
@@ -79,7 +82,7 @@ def best_first(grasps: GraspPoses, score: Array, scene: SceneCloud) -> tuple[Gra
 
 
 def best_distinct(grasps: GraspPoses) -> Indices:
-    """Return the indices of up to `MOST_GRASPS` of `grasps`, best first, that are not alike.
+    """Return the indices (m,) of up to `MOST_GRASPS` of `grasps`, best first, that are not alike.
 
     The limits are those of GraspNet-1Billion's benchmark.
     """

@@ -91,7 +91,8 @@ def axis_candidates(
 ) -> Array:
     """Return the best axis directions (c, 3) through the centroid, best first.
 
-    The worst of `angles` (radians) counts: a square column fits at 90 degrees only.
+    `points`: (n, 3) surface samples. The worst of `angles` (radians) counts: a square column fits
+    at 90 degrees only.
     """
     axes = _directions(points, config.axis_directions)
     scores = []
@@ -112,10 +113,11 @@ def axis_candidates(
 def distinct_candidates(
     directions: Array, offsets: Array, limit: int, *, min_angle: float, min_offset: float
 ) -> Indices:
-    """Return the indices of at most `limit` candidates that differ from all better candidates.
+    """Return the indices (k,) of at most `limit` candidates that differ from all better candidates.
 
-    Candidates come best first. Two are the same if their directions differ by less than `min_angle`
-    radians and their offsets along the common direction by less than `min_offset`.
+    Candidates, with `directions` (n, 3) and `offsets` (n,), come best first. Two are the same if
+    their directions differ by less than `min_angle` radians and their offsets along the common
+    direction by less than `min_offset`.
     """
     kept: list[int] = []
     alive = np.ones(len(directions), dtype=bool)

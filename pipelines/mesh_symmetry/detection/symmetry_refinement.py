@@ -56,6 +56,8 @@ def refine_axes(
 ) -> tuple[Array, Array]:
     """Return refined directions (c, 3) and points (c, 3) of axes, turning by `angles` radians.
 
+    `points`: (n, 3) samples. `axes`, `centers`: (c, 3) directions and points before.
+
     One step is taken for each Tukey scale of `scales`. For an n-fold axis pass the single angle
     2 pi / n, for a continuous axis several generic angles.
     """

@@ -63,7 +63,7 @@ class Samples:
 
     @classmethod
     def with_links(cls, points: Array, normals: Array) -> "Samples":
-        """Return the samples with links between neighbours."""
+        """Return the samples `points` and `normals`, both (n, 3), with links between neighbours."""
         links = linked(points)
         spacing = np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1).mean()
         return cls(points, normals, links, float(spacing))
@@ -153,7 +153,7 @@ class SurfaceFit:
 
 
 def mirror_samples(samples: Samples, normal: Array, offset: float) -> Samples:
-    """Return the mirror image of `samples` in the plane n.x = d."""
+    """Return the mirror image of `samples` in the plane of `normal` (3,) and `offset`, n.x = d."""
     height = samples.points @ normal - offset
     return Samples(
         samples.points - 2.0 * height[:, None] * normal,

@@ -51,7 +51,10 @@ def revolution_axes(points: Array, normals: Array) -> list[Axis]:
 
 
 def refined(axis: Axis, points: Array, normals: Array) -> tuple[Axis, Mask]:
-    """Return `axis` fitted to the samples that support it, and the mask (n,) of these samples."""
+    """Return `axis` fitted to the samples that support it, and the mask (n,) of these samples.
+
+    `points`, `normals`: (n, 3) samples.
+    """
     held = support(profile(axis, points, normals))
     for _ in range(3):
         if held.sum() < MIN_COUNT:

@@ -69,7 +69,10 @@ def _boxes(labels: Labels) -> Iterator[tuple[int, Box]]:
 
 @dataclass(frozen=True)
 class _Pair:
-    """Possible outside and inside of one container; (h, w) each, metres."""
+    """Possible outside and inside of one container, in a window (h, w) of the image.
+
+    `height`: (h, w) metres over the table. `xyz`: (h, w, 3) metres, camera frame.
+    """
 
     outside: Mask
     inside: Mask

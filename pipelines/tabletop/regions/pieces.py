@@ -25,7 +25,10 @@ class LabelledPiece:
 
 
 def pieces_of_labels(labels: Labels, xyz: Array, min_pixels: int) -> list[LabelledPiece]:
-    """Return the pieces of `labels` (H, W) with at least `min_pixels`, by ascending label."""
+    """Return the pieces of `labels` (H, W) with at least `min_pixels`, by ascending label.
+
+    `xyz`: (H, W, 3) metres, camera frame.
+    """
     order, end = _by_label(labels.ravel(), int(labels.max(initial=0)))
     found = []
     for label in np.flatnonzero(np.diff(end) >= min_pixels) + 1:

@@ -22,8 +22,8 @@ from pipelines.errors import SymgraspError
 from pipelines.frames.frames import find_frames
 from pipelines.frames.rgbd import FrameSource
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
-from pipelines.grasping.feasibility.limits import check_limits
 from pipelines.grasping.feasibility.workspace_box import WorkspaceBox, suggested_box
+from pipelines.grasping.limits import check_limits
 from pipelines.inference.observation import Observation, observe
 from pipelines.pictures.workspace_pictures import draw_workspace
 from pipelines.runtime.batch import StageReport

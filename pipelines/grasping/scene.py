@@ -12,9 +12,8 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.numerics.quantiles import median
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import unit
-from pipelines.grasping.feasibility.collision import Obstacles
-from pipelines.grasping.feasibility.image_border import Sides, measured_sides
-from pipelines.grasping.feasibility.limits import Limits
+from pipelines.grasping.limits import Limits
+from pipelines.grasping.obstacles import Obstacles
 from pipelines.tabletop.levelling import UNKNOWN_UP
 from pipelines.tabletop.organized import smooth_normals
 from pipelines.tabletop.regions.pieces import box_of
@@ -25,6 +24,10 @@ STRIDE = 3  # pixels between the obstacles of the whole scene
 NEVER_MET = 0.002  # metres over the table that no gripper reaches
 STRAY = 0.012  # metres from the neighbours' median, from which a pixel is between surfaces
 NEIGHBORS = 5  # pixels, side of the square of these neighbours
+FEWEST_MEASURED = 0.05  # of a full column or row; some cameras measure nothing on one side
+MOST_MEASURED = 0.8  # of the image's width or height: least extent that a camera measures
+
+Sides = tuple[tuple[int, int], tuple[int, int]]  # first and last column, and row, inclusive
 
 
 @dataclass(frozen=True)
@@ -130,3 +133,17 @@ class RegionCloud:
 
     def __len__(self) -> int:
         return len(self.points)
+
+
+def measured_sides(depth: Array) -> Sides:
+    """Return the first and the last column, and row, of `depth` (H, W) with enough depth.
+
+    If a much smaller part is measured, as for a cut-out object, the whole image is returned.
+    """
+    measured, sides = depth > 0.0, []
+    for axis in range(2):
+        count = np.count_nonzero(measured, axis=axis)
+        places = np.flatnonzero(count > FEWEST_MEASURED * count.max(initial=0))
+        wide = len(places) and places[-1] - places[0] >= MOST_MEASURED * len(count)
+        sides.append((int(places[0]), int(places[-1])) if wide else (0, len(count) - 1))
+    return sides[0], sides[1]

@@ -18,7 +18,7 @@ from pipelines.configs import ColorConfig, InferConfig
 from pipelines.frames.rgbd import Frame
 from pipelines.geometry.transforms import transform_points
 from pipelines.grasp_files.grasps_tables import REGION_FLAT, REGION_MEASURED, REGION_NO_DEPTH
-from pipelines.grasping.feasibility.limits import Limits
+from pipelines.grasping.limits import Limits
 from pipelines.grasping.planner import MIN_POINTS
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.inference.rated_regions import rated_by_detector

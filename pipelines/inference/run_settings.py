@@ -9,7 +9,7 @@ from pipelines.configs import InferConfig, check_settings
 from pipelines.configs.inference import FRAME_PEERS, REGION_PEERS, TRAINED_METHODS
 from pipelines.errors import ValueRangeError
 from pipelines.grasp_files.gripper_files import gripper_digest, load_gripper
-from pipelines.grasping.feasibility.limits import check_limits
+from pipelines.grasping.limits import check_limits
 from pipelines.grasping.symmetries.by_fitting import symmetries_by_fitting
 from pipelines.inference import models
 from pipelines.inference.frame_grasps import Planner

@@ -14,8 +14,8 @@ from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.candidates.candidates import GraspCandidates
 from pipelines.grasping.feasibility.collision import lowest_height
 from pipelines.grasping.feasibility.feasibility import Feasibility
-from pipelines.grasping.feasibility.limits import Limits
 from pipelines.grasping.grasps import GraspPoses
+from pipelines.grasping.limits import Limits
 from pipelines.grasping.passes import Pass, RegionModel, planar_pass, random_pass
 from pipelines.grasping.planner import RegionPlanner, _centeredness
 from pipelines.grasping.ranking.ranking import are_near

@@ -4,18 +4,12 @@ Points are sorted into cubes (`PointCells`). A gripper meets few cubes, and only
 tested one by one, until too many are inside the bodies.
 """
 
-from dataclasses import dataclass
-from functools import cached_property
-
 import numpy as np
 
-from pipelines.array_types import Array, Counts, Indices, Mask, Singles
+from pipelines.array_types import Array, Indices, Mask, Singles
 from pipelines.configs import FeasibilityConfig
-from pipelines.geometry.numerics.compiled import compiled
-from pipelines.geometry.numerics.point_cells import PointCells
 from pipelines.geometry.pointcloud import Plane
 from pipelines.grasping.feasibility.gripper_bodies import (
-    Cells,
     first_free_grasps,
     frames_about,
     nearest_gaps,
@@ -23,32 +17,7 @@ from pipelines.grasping.feasibility.gripper_bodies import (
 )
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
-
-CELL = 0.02  # metres, edge of the cubes
-
-
-@dataclass(frozen=True)
-class Obstacles:
-    """Points (n, 3) that a gripper may meet; each represents `count` (n,) measured points."""
-
-    points: Array
-    count: Counts
-
-    @cached_property
-    def _about(self) -> tuple[Array, Array]:
-        """(3,) the points' mean, (n, 3) the points relative to the mean."""
-        return _about_middle(self.points)
-
-    @property
-    def center(self) -> Array:
-        """(3,) their mean; single precision is a micrometre at arm's length, and finer near it."""
-        return self._about[0]
-
-    @cached_property
-    def cells(self) -> Cells:
-        """The points in cubes about the centre, for the compiled loops of `gripper_bodies`."""
-        cells = PointCells.of(self._about[1], CELL)
-        return cells.points, self.count[cells.index], cells.start, cells.center, cells.radius
+from pipelines.grasping.obstacles import Obstacles
 
 
 def bodies_meet(
@@ -107,16 +76,3 @@ def _bodies(grasps: GraspPoses, gripper: Gripper, obstacles: Obstacles) -> tuple
     rotation, translation = map(np.ascontiguousarray, (grasps.rotation, grasps.translation))
     frames = frames_about(rotation, translation, obstacles.center)
     return frames, gripper.bounds(grasps.width).astype(np.float32)
-
-
-@compiled
-def _about_middle(points: Array) -> tuple[Array, Array]:
-    """Return the mean (3,) of `points` (n, 3), zeros if empty, and the points minus the mean."""
-    x, y, z, count = 0.0, 0.0, 0.0, max(len(points), 1)
-    for n in range(len(points)):
-        x, y, z = x + points[n, 0], y + points[n, 1], z + points[n, 2]
-    x, y, z = x / count, y / count, z / count
-    about = np.empty((len(points), 3))
-    for n in range(len(points)):
-        about[n, 0], about[n, 1], about[n, 2] = points[n, 0] - x, points[n, 1] - y, points[n, 2] - z
-    return np.array((x, y, z)), about

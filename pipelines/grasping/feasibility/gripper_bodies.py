@@ -11,12 +11,12 @@ import numpy as np
 
 from pipelines.array_types import Array, Counts, Mask, Singles, SingleVector
 from pipelines.geometry.numerics.compiled import compiled
+from pipelines.grasping.obstacles import Cells
 
 Single = np.float32
 Quadruple = tuple[Single, Single, Single, Single]
 GraspFrame = tuple[Quadruple, Quadruple, Quadruple]
 Bodies = tuple[Quadruple, Quadruple]  # fingers, palm
-Cells = tuple[Singles, Counts, Counts, Singles, Singles]
 
 
 @compiled

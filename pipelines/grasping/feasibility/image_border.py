@@ -13,13 +13,10 @@ from pipelines.array_types import Array, Mask
 from pipelines.geometry.camera import Intrinsics
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
-
-Sides = tuple[tuple[int, int], tuple[int, int]]  # first and last column, and row, inclusive
+from pipelines.grasping.scene import Sides
 
 AT_BORDER = 4  # pixels from the border within which a region is cut
 FEW = 3  # pixels of a region at the border that may be noise
-FEWEST_MEASURED = 0.05  # of a full column or row; some cameras measure nothing on one side
-MOST_MEASURED = 0.8  # of the image's width or height: least extent that a camera measures
 BACK = 0.03  # metres behind the tips that must be in view too
 
 
@@ -71,17 +68,3 @@ class ImageBorder:
                 pixels = self.intrinsics.project(np.where(before[:, None], points, 1.0))
                 kept &= before & ((pixels >= self.low) & (pixels <= self.high)).all(axis=1)
         return kept
-
-
-def measured_sides(depth: Array) -> Sides:
-    """Return the first and the last column, and row, of `depth` (H, W) with enough depth.
-
-    If a much smaller part is measured, as for a cut-out object, the whole image is returned.
-    """
-    measured, sides = depth > 0.0, []
-    for axis in range(2):
-        count = np.count_nonzero(measured, axis=axis)
-        places = np.flatnonzero(count > FEWEST_MEASURED * count.max(initial=0))
-        wide = len(places) and places[-1] - places[0] >= MOST_MEASURED * len(count)
-        sides.append((int(places[0]), int(places[-1])) if wide else (0, len(count) - 1))
-    return sides[0], sides[1]

@@ -10,7 +10,7 @@ from pipelines.array_types import Array, Counts, Mask
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.geometry.pointcloud import Plane
-from pipelines.grasping.feasibility.collision import Obstacles
+from pipelines.grasping.obstacles import Obstacles
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 
 Floor = tuple[float, float, float, float]  # a plane as numbers

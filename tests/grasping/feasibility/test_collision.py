@@ -15,13 +15,13 @@ from pipelines.geometry.transforms import (
 )
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.feasibility.collision import (
-    Obstacles,
     bodies_meet,
     clearance,
     first_free,
     lowest_height,
 )
 from pipelines.grasping.grasps import GraspPoses
+from pipelines.grasping.obstacles import Obstacles
 
 GRIPPER = load_gripper("rg2")
 seeds = st.integers(0, 2**31)

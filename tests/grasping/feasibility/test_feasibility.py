@@ -11,10 +11,11 @@ from pipelines.configs import FeasibilityConfig
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import random_rotation, transform_points
 from pipelines.grasp_files.gripper_files import load_gripper, preset_names
-from pipelines.grasping.feasibility.collision import Obstacles, bodies_meet, lowest_height
+from pipelines.grasping.feasibility.collision import bodies_meet, lowest_height
 from pipelines.grasping.feasibility.feasibility import Feasibility
 from pipelines.grasping.feasibility.surroundings import Surroundings
 from pipelines.grasping.grasps import GraspPoses
+from pipelines.grasping.obstacles import Obstacles
 from pipelines.grasping.scene import SceneCloud
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table
 from tests.grasping.seen_regions import seen

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from pipelines.configs import SelectionConfig
 from pipelines.geometry.transforms import random_rotation
 from pipelines.grasp_files.gripper_files import load_gripper
-from pipelines.grasping.feasibility.image_border import BACK, ImageBorder, measured_sides
+from pipelines.grasping.feasibility.image_border import BACK, ImageBorder
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.passes import RegionModel, planar_pass
 from pipelines.grasping.planner import RegionPlanner
-from pipelines.grasping.scene import RegionCloud
+from pipelines.grasping.scene import RegionCloud, measured_sides
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
 from tests.grasping.seen_regions import scene_of
 

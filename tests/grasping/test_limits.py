@@ -9,8 +9,8 @@ from pipelines.configs import LimitsConfig
 from pipelines.errors import UnknownNameError, ValueRangeError
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import random_rotation, transform_points
-from pipelines.grasping.feasibility.limits import Limits, check_limits
 from pipelines.grasping.grasps import GraspPoses
+from pipelines.grasping.limits import Limits, check_limits
 from tests.geometry.tabletops import CAMERA, looking_at_table
 
 POSE = looking_at_table()

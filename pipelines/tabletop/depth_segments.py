@@ -21,7 +21,7 @@ Labels = NDArray[np.int32]
 Axes = tuple[Singles, Singles, Singles]
 
 USUAL_FOCAL = 525.0  # pixels; normals of a coarser image are fitted to fewer pixels
-BULK = (0.02, 0.98)  # quantiles of points along a direction, without outliers
+BULK_ENDS = (0.02, 0.98)  # quantiles of points along a direction, without outliers
 GAP = 4  # pixels from one pixel of a surface to the next, if those between lack depth
 FINER = 0.5  # factor of the thresholds of fold and step when too large a piece is cut again
 
@@ -86,7 +86,7 @@ def _too_large(xyz: Array, labels: Labels, config: RegionConfig) -> Mask:
 
 def extent(points: Array) -> float:
     """Return the diagonal of the box around `points` (n, 3) without outliers, metres."""
-    low, high = quantiles(points.T, BULK).T
+    low, high = quantiles(points.T, BULK_ENDS).T
     return float(np.linalg.norm(high - low))
 
 

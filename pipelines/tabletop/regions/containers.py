@@ -15,7 +15,7 @@ from scipy.ndimage import find_objects
 from pipelines.array_types import Array, Mask
 from pipelines.geometry.numerics.quantiles import median, quantiles
 from pipelines.geometry.transforms import cross, unit
-from pipelines.tabletop.depth_segments import BULK, Labels
+from pipelines.tabletop.depth_segments import BULK_ENDS, Labels
 from pipelines.tabletop.regions.object_criteria import ObjectCriteria
 from pipelines.tabletop.regions.pieces import Box, box_of, with_margin
 
@@ -105,7 +105,7 @@ class _Pair:
         ahead = unit(view - (view @ up) * up)
         right = cross(ahead, up)
         (a, b), (c, d) = (
-            quantiles(self.xyz[part] @ right, BULK) for part in (self.outside, self.inside)
+            quantiles(self.xyz[part] @ right, BULK_ENDS) for part in (self.outside, self.inside)
         )
         if min(b, d) - max(a, c) < MIN_COMMON * (max(b, d) - min(a, c)):
             return False

@@ -13,7 +13,7 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.numerics.quantiles import median, quantiles
 from pipelines.geometry.numerics.strides import strided_at_least
 from pipelines.geometry.pointcloud import Plane
-from pipelines.tabletop.depth_segments import BULK, Labels, extent
+from pipelines.tabletop.depth_segments import BULK_ENDS, Labels, extent
 from pipelines.tabletop.regions.pieces import (
     UNMEASURED,
     Box,
@@ -60,7 +60,7 @@ def standing(
     floating = [
         piece
         for piece in pieces
-        if quantiles(plane.height(piece.points), BULK[0]) >= config.max_floating
+        if quantiles(plane.height(piece.points), BULK_ENDS[0]) >= config.max_floating
     ]
     # A free-hanging piece is held from outside the image, or by something unseen (D. 136).
     hanging = [

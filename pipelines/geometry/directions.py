@@ -13,13 +13,13 @@ def sphere_directions(count: int, step: float = GOLDEN_ANGLE, first: float = 0.0
     `step`: radians about z from each to the next, the golden angle or its negative. `first`: steps
     from x to the first.
     """
-    index = np.arange(count)
-    return _at(1.0 - (2 * index + 1) / count, step * (index + first))
+    index = np.arange(count, dtype=np.float64)
+    return _at(1.0 - (2.0 * index + 1.0) / count, step * (index + first))
 
 
 def half_sphere_directions(count: int) -> Array:
     """Return (count, 3) unit vectors, evenly spread over the half-sphere z >= 0."""
-    index = np.arange(count)
+    index = np.arange(count, dtype=np.float64)
     # The order of the products decides the last bits of symmetry annotations.
     return _at((index + 0.5) / count, index * np.pi * (3.0 - np.sqrt(5.0)))
 

@@ -21,12 +21,7 @@ from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.ranking.ranking import Critic
 from pipelines.grasping.scene import RegionCloud
 from pipelines.grasping.symmetries.grounding import SymmetryCritics
-from pipelines.inference.observation import (
-    Observation,
-    dropped_instances,
-    observe,
-    why_empty,
-)
+from pipelines.inference.observation import Observation, dropped_instances, observe, why_empty
 from pipelines.inference.peers.frame_plans import (
     MOST_GRASPS,
     OWN_SCORE,

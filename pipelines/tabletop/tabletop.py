@@ -13,13 +13,7 @@ from pipelines.geometry.numerics.compiled import compiled
 from pipelines.geometry.numerics.quantiles import median, quantiles
 from pipelines.geometry.pointcloud import Plane
 from pipelines.tabletop.footprint import Footprint
-from pipelines.tabletop.support_plane import (
-    SHADOW_GAPS,
-    Affine,
-    Support,
-    find_support,
-    large_parts,
-)
+from pipelines.tabletop.support_plane import SHADOW_GAPS, Affine, Support, find_support, large_parts
 
 WARP_WINDOW = 81  # pixels over which a sensor bends a flat table
 CLEARLY = 1.6  # factor on the foreground threshold for pixels that may connect two pieces

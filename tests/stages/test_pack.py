@@ -35,13 +35,7 @@ from pipelines.geometry.symmetry import (
     SphereSymmetry,
     SymmetrySlots,
 )
-from pipelines.geometry.transforms import (
-    invert,
-    make_pose,
-    random_rotation,
-    transform_points,
-    unit,
-)
+from pipelines.geometry.transforms import invert, make_pose, random_rotation, transform_points, unit
 from pipelines.mesh_symmetry.surface.sampled_surface import Surface
 from pipelines.runtime.batch import BatchOptions
 from pipelines.storage.provenance import digest, make_stamp

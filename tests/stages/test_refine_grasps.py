@@ -16,10 +16,7 @@ from pipelines import annotate_symmetry, refine_grasps
 from pipelines.configs import AnnotateSymmetryConfig, RefineGraspsConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_label_stream import grasp_label_pieces, read_grasp_label
-from pipelines.dataset.graspnet.graspnet_labels import (
-    GraspLabel,
-    write_grasp_label,
-)
+from pipelines.dataset.graspnet.graspnet_labels import GraspLabel, write_grasp_label
 from pipelines.dataset.meshes import read_mesh, write_mesh
 from pipelines.dataset.symmetry import symmetry_labels
 from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries

@@ -14,10 +14,7 @@ from pipelines.configs import EvaluateConfig, LabelConfig, SceneryConfig, Synthe
 from pipelines.dataset import object_list
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_label_stream import read_grasp_label
-from pipelines.dataset.graspnet.graspnet_labels import (
-    read_collision_labels,
-    read_rect,
-)
+from pipelines.dataset.graspnet.graspnet_labels import read_collision_labels, read_rect
 from pipelines.dataset.graspnet.signed_distance import read_sdf
 from pipelines.dataset.meshes import read_mesh, write_mesh
 from pipelines.errors import SymgraspError

@@ -12,12 +12,7 @@ from pipelines.configs import InferConfig, TrainCriticConfig
 from pipelines.dataset import object_list
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.object_list import ObjectRecord
-from pipelines.errors import (
-    FormatError,
-    MissingInputError,
-    SymgraspError,
-    ValueRangeError,
-)
+from pipelines.errors import FormatError, MissingInputError, SymgraspError, ValueRangeError
 from pipelines.evaluation.truth import TruthReader
 from pipelines.geometry.symmetry import REFLECTION_SLOTS, ROTATION_SLOT, SPHERE_SLOT
 from pipelines.grasping.critics import critic_files

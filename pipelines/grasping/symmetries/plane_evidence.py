@@ -8,11 +8,7 @@ import numpy as np
 
 from pipelines.array_types import Array, Indices, Singles
 from pipelines.geometry.numerics.fitting_sums import MATCH_NORMAL
-from pipelines.geometry.symmetry import (
-    REFLECTION_SLOTS,
-    ReflectionSymmetry,
-    RotationSymmetry,
-)
+from pipelines.geometry.symmetry import REFLECTION_SLOTS, ReflectionSymmetry, RotationSymmetry
 from pipelines.geometry.symmetry_fitting import fit_reflections
 from pipelines.grasping.critics.point_critic import PointCritic
 from pipelines.grasping.symmetries.mirror_views import MirrorImages, plane_features, point_features

@@ -22,9 +22,7 @@ from pipelines.mesh_symmetry.detection.nearly_round import (
     is_nearly_round,
     leans_in_pattern,
 )
-from pipelines.mesh_symmetry.detection.symmetry_candidates import (
-    principal_axis_rows,
-)
+from pipelines.mesh_symmetry.detection.symmetry_candidates import principal_axis_rows
 from pipelines.mesh_symmetry.detection.symmetry_verification import (
     VERIFICATION_ANGLES,
     Samples,

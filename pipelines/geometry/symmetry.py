@@ -40,7 +40,10 @@ def _checked_point(vector: ArrayLike) -> Array:
 
 @dataclass(frozen=True)
 class ReflectionSymmetry:
-    """Mirror symmetry in the plane through `point` (3,) with unit `normal` (3,)."""
+    """Mirror symmetry in the plane through `point` (3,), metres, with unit `normal` (3,).
+
+    `error`: dense symmetry error on the mesh where it was measured, else 0.
+    """
 
     normal: Array
     point: Array
@@ -77,7 +80,8 @@ class ReflectionSymmetry:
 class RotationSymmetry:
     """Rotation symmetry about the line through `point` (3,) along unit `axis` (3,).
 
-    `order` is None for a continuous symmetry, n for a repetition every 1/n turn.
+    `order` is None for a continuous symmetry, n for a repetition every 1/n turn. `error`: as of a
+    `ReflectionSymmetry`.
     """
 
     axis: Array
@@ -118,7 +122,11 @@ class RotationSymmetry:
 
 @dataclass(frozen=True)
 class SphereSymmetry:
-    """Symmetry under every rotation about `point` (3,)."""
+    """Symmetry under every rotation about `point` (3,), metres.
+
+    `error`: measured on a mesh, mean distance from the sphere by its diameter, or the largest dense
+    error of three axes; else 0.
+    """
 
     point: Array
     error: float = 0.0

@@ -19,7 +19,7 @@ from pipelines.mesh_symmetry.detection.unit_surface import UnitSurface, fit_of_p
 
 Accepted = tuple[Array, SurfaceFit]  # a plane (nx, ny, nz, d) and its fit
 
-ACROSS_COSINE = float(np.cos(np.radians(5.0)))
+ACROSS_COSINE = float(np.cos(np.radians(5.0)))  # between an axis and the normal of a plane across
 CLOSEST_PLANES = float(np.radians(20.0))  # at a smaller angle, planes imply more than eight planes
 GROUP_TOLERANCE = float(np.radians(4.0))  # of the angle between two planes
 GROUP_ROOM = 1.5  # factor on the limits of implied planes

@@ -19,7 +19,7 @@ from pipelines.geometry.transforms import rotation_about
 Grid = Singles
 
 GENERIC_ANGLES = tuple(np.radians([47.0, 90.0, 151.0]))  # no n-fold axis of small n fits all angles
-_MARGIN = 0.15  # of the diameter, around the surface
+MARGIN = 0.15  # of the diameter, around the surface
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class DistanceGrid:
     @classmethod
     def around(cls, points: Array, resolution: int, cap: float) -> "DistanceGrid":
         """Build the grid of dense surface samples `points` (n, 3)."""
-        low, high = points.min(axis=0) - _MARGIN, points.max(axis=0) + _MARGIN
+        low, high = points.min(axis=0) - MARGIN, points.max(axis=0) + MARGIN
         cell = float((high - low).max()) / resolution
         empty = np.ones((resolution,) * 3, dtype=bool)
         index = np.minimum(((points - low) / cell).astype(int), resolution - 1)

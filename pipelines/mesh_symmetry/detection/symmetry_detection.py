@@ -47,7 +47,7 @@ LEAST_FAMILY = 4  # planes that meet in an axis
 MEET_OFFSET = 0.015  # of the diameter, between an axis and a plane through it
 IN_PLANE = float(np.sin(np.radians(4.0)))  # of the angle between an axis and a plane through it
 LOSS_ROOM = 1.1  # times the former loss; by chance a better axis may miss more at the worst angle
-PAIR_TOLERANCE = float(np.radians(2.0))
+PAIR_TOLERANCE = float(np.radians(2.0))  # of the angle between two planes that make a turn
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,10 @@ from pipelines.array_types import Array
 from pipelines.geometry.transforms import basis_from_direction, rotation_about, unit
 from pipelines.mesh_symmetry.surface.sampled_surface import Surface
 
-_DAMPING = 1e-6
-_MAX_TILT = 0.15  # radians a step
-_MAX_SHIFT = 0.05  # of the diameter a step
-_SPHERE_STEPS = 5
+DAMPING = 1e-6  # of the trace of the normal equations, against singular ones
+MAX_TILT = 0.15  # radians a step
+MAX_SHIFT = 0.05  # of the diameter a step
+SPHERE_STEPS = 5  # reweighted fits
 
 
 def refine_planes(
@@ -40,9 +40,9 @@ def refine_planes(
             for tangent in (tangents[:, 0], tangents[:, 1])
         ]
         step = _solve(np.stack([*columns, 2.0 * along], axis=-1), residual, weight)
-        tilt = np.einsum("ck,ckd->cd", _clipped(step[:, :2], _MAX_TILT), tangents)
+        tilt = np.einsum("ck,ckd->cd", _clipped(step[:, :2], MAX_TILT), tangents)
         normals = unit(normals + tilt)
-        offsets = offsets + _clipped(step[:, 2:], _MAX_SHIFT)[:, 0]
+        offsets = offsets + _clipped(step[:, 2:], MAX_SHIFT)[:, 0]
     return normals, offsets
 
 
@@ -71,16 +71,16 @@ def refine_axes(
             np.concatenate(part, axis=1) for part in zip(*system, strict=True)
         )
         step = _solve(jacobian, residual, weight)
-        tilt = np.einsum("ck,ckd->cd", _clipped(step[:, :2], _MAX_TILT), tangents)
+        tilt = np.einsum("ck,ckd->cd", _clipped(step[:, :2], MAX_TILT), tangents)
         axes = unit(axes + np.cross(tilt, axes))
-        centers = centers + np.einsum("ck,ckd->cd", _clipped(step[:, 2:], _MAX_SHIFT), tangents)
+        centers = centers + np.einsum("ck,ckd->cd", _clipped(step[:, 2:], MAX_SHIFT), tangents)
     return axes, centers
 
 
 def robust_sphere(points: Array) -> tuple[Array, float]:
     """Return centre (3,) and radius of the sphere that fits most of `points` (n, 3)."""
     weight = np.ones(len(points))
-    for _ in range(_SPHERE_STEPS):
+    for _ in range(SPHERE_STEPS):
         # |x|^2 = 2 c.x + (r^2 - |c|^2) is linear in the centre c and in r^2 - |c|^2.
         system = np.column_stack([2.0 * points, np.ones(len(points))]) * weight[:, None]
         solution = np.linalg.lstsq(system, (points**2).sum(axis=1) * weight, rcond=None)[0]
@@ -134,7 +134,7 @@ def _solve(jacobian: Array, residual: Array, weight: Array) -> Array:
     right = -np.einsum("cni,cn->ci", weighted, residual)
     count = jacobian.shape[-1]
     trace = np.trace(normal, axis1=1, axis2=2)[:, None, None]
-    damped = normal + (_DAMPING * trace + 1e-12) * np.eye(count)
+    damped = normal + (DAMPING * trace + 1e-12) * np.eye(count)
     step: Array = np.linalg.solve(damped, right[..., None])[..., 0]
     return step
 

@@ -38,10 +38,11 @@ FINE_SCALES = (0.03, 0.02, 0.015, 0.012, 0.012)
 FINAL_SCALES = (0.012, 0.01, 0.01)
 REFINEMENT_ANGLES = VERIFICATION_ANGLES[1::2]
 COARSE_SAMPLES, FINE_SAMPLES, FINAL_SAMPLES = 200, 600, 2000
-KEPT_PLANES = 14
+KEPT_PLANES = 14  # the most distinct planes after a refinement
 MISS_CAP = 0.05  # of the diameter; cap of misses
-MAX_MISS = 0.5 * MISS_CAP
+MAX_MISS = 0.5 * MISS_CAP  # a plane that fits less than half of a surface is dropped
 MORE_ROUNDS = 3  # of refinement, for an axis that still moves
+# Radians, and of the diameter: a step of an axis that no longer moves.
 AT_REST_ANGLE, AT_REST_OFFSET = float(np.radians(0.1)), 0.001
 LEAST_ANGLE = float(np.radians(3.0))  # between distinct planes
 LEAST_OFFSET = 0.015  # of the diameter, between distinct planes
@@ -133,7 +134,6 @@ def _distinct_planes(shape: UnitSurface, planes: Array) -> Array:
     distance = shape.surface.within(np.stack(images), MISS_CAP)[0]
     misses = np.minimum(distance, MISS_CAP).mean(axis=-1)
     order = np.argsort(misses, kind="stable")
-    # A plane that fits less than half of the surface is no plane of a region either.
     ranked = planes[order[: max(1, int(np.sum(misses < MAX_MISS)))]]
     return ranked[
         distinct_candidates(

@@ -31,9 +31,9 @@ SUPPORT_DISTANCE = 0.012  # of the diameter
 SUPPORT_COSINE = AGREEING_COSINE  # between the normals of image and surface
 
 # An octagonal column fits at 45 degrees and misses at 22; a dented can misses at all angles alike.
-ROUND_MEAN, _ROUND_RATIO = 0.002, 3.0
+ROUND_MEAN, ROUND_RATIO = 0.002, 3.0
 # Of the width: misses of round objects stay below 1 %, misses of ovals begin at 2.5 %.
-_ROUND_ERROR = 0.017
+ROUND_ERROR = 0.017
 # Objects narrower than this share of the diameter get a smaller limit, down to this factor on it.
 SLIM_WIDTH, SLIMMEST = 0.33, 0.7
 MAX_FEATURE = 0.14  # of the width
@@ -41,11 +41,11 @@ TURN_P99 = 1.2  # times the limit of planes: a dented jar with a hole misses by 
 # Times the limit, at a single angle: grooves of a cup meet at some angles and miss at others.
 LEAST_AGREEMENT = 0.5
 # |N(0, 2)|, the distance of two surfaces of unit noise: its mean, 95th, 99th, 99.5th percentile.
-_NOISE_MEAN, _NOISE_P95, _NOISE_P99, _NOISE_P995 = 1.13, 2.77, 3.64, 3.97
+NOISE_MEAN, NOISE_P95, NOISE_P99, NOISE_P995 = 1.13, 2.77, 3.64, 3.97
 # Loose parts on 1 % of a box miss by 0.067 to 0.080, real objects by up to 0.054.
 MAX_P995 = 0.06
-_RIM_REACH = 1.5  # sample spacings from a rim within which an image is at the rim
-_RIM_SLACK = 0.5  # of _RIM_REACH, by which the rim may be farther than the surface
+RIM_REACH = 1.5  # sample spacings from a rim within which an image is at the rim
+RIM_SLACK = 0.5  # of RIM_REACH, by which the rim may be farther than the surface
 
 
 @dataclass(frozen=True)
@@ -110,9 +110,9 @@ class SurfaceFit:
         """Return whether misses and normals are within the limits, two limits with factors."""
         return (
             self.miss <= max_mean
-            and self.excess(self.p95, _NOISE_P95) <= config.max_p95
-            and self.excess(self.p99, _NOISE_P99) <= p99_room * config.max_p99 * self._slimness
-            and self.excess(self.p995, _NOISE_P995) <= MAX_P995
+            and self.excess(self.p95, NOISE_P95) <= config.max_p95
+            and self.excess(self.p99, NOISE_P99) <= p99_room * config.max_p99 * self._slimness
+            and self.excess(self.p995, NOISE_P995) <= MAX_P995
             and self.agreement >= agreement_share * config.min_agreement * self.own_agreement
             and self.displacement >= MIN_DISPLACEMENT
             and self.unseen <= config.max_unseen
@@ -120,7 +120,7 @@ class SurfaceFit:
 
     def is_small_beside_width(self, config: AnnotateSymmetryConfig) -> bool:
         """Return whether a turn's misses are small for the width everywhere: no clip, no bend."""
-        has_feature = self.excess(self.p99, _NOISE_P99) > MAX_FEATURE * self.reach
+        has_feature = self.excess(self.p99, NOISE_P99) > MAX_FEATURE * self.reach
         return self.miss <= config.max_error * self.reach and not has_feature
 
     def excess(self, statistic: float, of_noise: float) -> float:
@@ -134,7 +134,7 @@ class SurfaceFit:
     @property
     def miss(self) -> float:
         """Mean distance without the part of noise."""
-        return self.excess(self.mean, _NOISE_MEAN)
+        return self.excess(self.mean, NOISE_MEAN)
 
     @property
     def _slimness(self) -> float:
@@ -144,7 +144,7 @@ class SurfaceFit:
     @property
     def ovalness(self) -> float:
         """Misfit of a turn relative to the width, over the largest misfit of round objects."""
-        return self.miss / float(np.hypot(ROUND_MEAN, _ROUND_ERROR * self.reach))
+        return self.miss / float(np.hypot(ROUND_MEAN, ROUND_ERROR * self.reach))
 
     @property
     def error(self) -> float:
@@ -199,10 +199,10 @@ def _unseen(surface: Surface, before: Samples, image: Samples, distance: Array) 
     missed = distance > SUPPORT_DISTANCE
     if before.links is None or not missed.any():
         return np.zeros(len(distance), dtype=bool)
-    reach = _RIM_REACH * before.spacing
+    reach = RIM_REACH * before.spacing
     to_rim = surface.rim.distances(image.points, MAX_DISTANCE + reach)
     # Beyond the cap of distances, the rim counts as nearest.
-    is_nearest = (to_rim <= distance + _RIM_SLACK * reach) | (distance >= MAX_DISTANCE)
+    is_nearest = (to_rim <= distance + RIM_SLACK * reach) | (distance >= MAX_DISTANCE)
     return cut_off(missed, to_rim < reach, is_nearest, before.links)
 
 
@@ -215,4 +215,4 @@ def normals_agree(fits: Sequence[SurfaceFit], config: AnnotateSymmetryConfig) ->
 def are_round(fits: Sequence[SurfaceFit]) -> bool:
     """Return whether turns about one axis by generic angles fit equally well."""
     misses = [fit.miss for fit in fits]
-    return bool(max(misses) <= np.hypot(ROUND_MEAN, _ROUND_RATIO * min(misses)))
+    return bool(max(misses) <= np.hypot(ROUND_MEAN, ROUND_RATIO * min(misses)))

@@ -35,7 +35,7 @@ from pipelines.mesh_symmetry.detection.symmetry_verification import (
 )
 from pipelines.mesh_symmetry.surface.sampled_surface import Surface
 
-FEW_SAMPLES = 400
+FEW_SAMPLES = 400  # to reject hopeless candidates
 FLAT_SHEET = 0.01  # of the diameter; largest thickness of a sheet with open rims
 THIN_PLATE = 0.04  # of the diameter; largest thickness of a plate whose walls get more samples
 WALL_SHARE = 0.3  # of the samples of a thin plate, on its walls

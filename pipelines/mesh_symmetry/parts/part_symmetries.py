@@ -23,7 +23,7 @@ from pipelines.mesh_symmetry.detection.symmetry_verification import SUPPORT_COSI
 from pipelines.mesh_symmetry.parts.revolved_bodies import Body
 from pipelines.mesh_symmetry.parts.sampled_parts import SampledParts
 
-PIECE_SAMPLES = 12000
+PIECE_SAMPLES = 12000  # at most, of the surface of a part
 SAME_DIRECTION = float(np.cos(np.radians(10.0)))  # of two planes, or axes, of one object
 NUM_PARTIAL = 6  # rejected candidates that are tried on parts
 

@@ -25,7 +25,7 @@ from pipelines.mesh_symmetry.parts.revolved_bodies import MAX_SMOOTH_BORDER, rev
 from pipelines.mesh_symmetry.parts.sampled_parts import NO_PART, SampledParts
 
 WHOLE_REGION = "whole"
-NUM_SAMPLES = 8000
+NUM_SAMPLES = 8000  # of the object, for cutting
 MAX_MEAN_NORMAL = 0.6  # length: 0 for a closed surface, 0.5 for a bowl, 1 for an ungraspable sheet
 SMALL_OBJECT = 0.5  # of its object's diameter; a larger part counts as graspable
 MAX_LOOSE_SHARE = 0.2  # largest ungraspable share outside of bodies: a mug, but not a peach

@@ -21,21 +21,18 @@ from pipelines.errors import StaleOutputError
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_stream import read_results
-from pipelines.inference.frame_workers import load_in_workers, options_for_frames
-from pipelines.inference.infer_run import (
-    STAGE,
-    InferRun,
+from pipelines.inference.earlier_runs import (
     earlier_frames,
     finished_items,
     has_part,
     holds_results,
-    infer_frame,
-    overlay_path,
     refuse_foreign_output,
     refuse_lost_parts,
     refuse_other_settings,
     refuse_stale,
 )
+from pipelines.inference.frame_workers import load_in_workers, options_for_frames
+from pipelines.inference.infer_run import STAGE, InferRun, infer_frame, overlay_path
 from pipelines.inference.pictures import draw_missing, results_of_output
 from pipelines.inference.run_settings import InferPaths, RunSettings, check_config
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch

@@ -17,9 +17,10 @@ from pipelines.configs import InferConfig, WatchConfig
 from pipelines.dataset.chosen_frames import ALL_FRAMES, ChosenFrames
 from pipelines.errors import SymgraspError
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
+from pipelines.inference.earlier_runs import refuse_foreign_output
 from pipelines.inference.following import Follower, FrameOutcome
 from pipelines.inference.frame_workers import options_for_frames
-from pipelines.inference.infer_run import STAGE, InferRun, refuse_foreign_output
+from pipelines.inference.infer_run import STAGE, InferRun
 from pipelines.inference.run_settings import InferPaths, RunSettings, check_config
 from pipelines.inference.watching import Clock
 from pipelines.runtime.batch import BatchOptions, StageReport

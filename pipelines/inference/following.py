@@ -11,14 +11,8 @@ from pipelines.configs import WatchConfig
 from pipelines.errors import SymgraspError
 from pipelines.frames.rgbd import FrameSource
 from pipelines.grasp_files import grasps_file
-from pipelines.inference.infer_run import (
-    STAGE,
-    InferRun,
-    earlier_frames,
-    has_part,
-    infer_frame,
-    refuse_stale,
-)
+from pipelines.inference.earlier_runs import earlier_frames, has_part, refuse_stale
+from pipelines.inference.infer_run import STAGE, InferRun, infer_frame
 from pipelines.inference.pictures import draw_missing
 from pipelines.inference.watching import Arrival, Clock, Lister, Watcher
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch

@@ -108,6 +108,11 @@ class RegionPlanner:
         attempt: Attempt,
         context: RegionContext,
     ) -> RankedGrasps:
+        """Return the grasps of all passes at one attempt, best first.
+
+        If the grasps of earlier passes suffice, a pass adds alternatives, which rank after the best
+        grasp, or is skipped if there are enough (D. 146).
+        """
         found = RankedGrasps.empty()
         enough = 0 if self.critic is None else self.config.ranking.alternatives
         for step in passes:
@@ -117,7 +122,7 @@ class RegionPlanner:
             checks = attempt.checks_of(step)
             candidates = step.candidates(region, checks, self.config.candidates)
             more = self._select(candidates, checks, context)
-            if suffices:  # alternatives: the best grasp stays the best
+            if suffices:
                 best = found.rank_score[0]
                 more = replace(more, rank_score=np.minimum(more.rank_score, best))
             found = self._merged(found, more)

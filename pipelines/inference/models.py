@@ -155,8 +155,8 @@ _LIMIT = _OneThreadEach()
 def one_thread_each() -> AbstractContextManager[None]:
     """Return a context in which networks, OpenCV and numpy's matrix products use one core.
 
-    Frames run in parallel instead, each thread within its `one_thread_each`. Sums over several
-    threads differ in the last bits, and such threads wait for each other longer than they work.
+    Frames run in parallel instead, each thread within its `one_thread_each`. Several threads for
+    one frame would wait for each other longer than they work, and round sums differently.
     """
     return _LIMIT
 

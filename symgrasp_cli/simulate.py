@@ -48,7 +48,8 @@ def simulate(
     report = stage.run(
         grasps, dataset, out, config, options, others=with_ or (), baselines=baselines, seed=seed
     )
-    then = ("evaluate", grasps, "--dataset", dataset, *shared_options(config), "--success", out)
+    shared = shared_options(config)
+    then: list[str | Path] = ["evaluate", grasps, "--dataset", dataset, *shared, "--success", out]
     written = not options.dry_run and out.exists() and bool(report.done or report.skipped)
     conclude(report, out, then=then, tables=stage.tables(out) if written else ())
 

@@ -55,7 +55,7 @@ def content(root: Path) -> dict[str, bytes]:
 
 def test_scenes_with_another_scale_of_the_objects_are_not_reused(meshes, tmp_path, monkeypatch):
     root = tmp_path / "root"
-    make(root, models=meshes, config=replace(CONFIG, scenes_per_split=2))
+    make(root, models=meshes)
     assert make(root, models=meshes, mesh_scale=1.0).done == []  # the default scale, stated or not
 
     def killed(*_: object, **__: object) -> None:
@@ -157,14 +157,14 @@ def test_a_dry_run_lists_all_outputs_and_writes_nothing(meshes, tmp_path):
     names += ["distance grid 000", "distance grid 001", "scene 0000"]
     for models in (meshes, None):
         report = make(root, DRY, models=models, config=LABELLED, sdf=True)
-        assert list(report.notes) == names
+        assert list(report.notes) == [*(() if models is None else ("objects",)), *names]
         assert report.notes["scene 0000"] == f"would write {root / 'scenes' / 'scene_0000'}"
         assert not root.exists()
     make(root, models=meshes)
     before = content(root)
     report = make(root, DRY, models=meshes, config=replace(LABELLED, scenes_per_split=2))
     assert report.skipped == ["object 000", "object 001"]
-    assert list(report.notes) == ["label 000", "label 001", "scene 0001"]
+    assert list(report.notes) == ["objects", "label 000", "label 001", "scene 0001"]
     assert list(report.failed) == ["scene 0000"]  # labels are among a scene's settings
     assert content(root) == before
 

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
+import numpy as np
+
 from pipelines.errors import FormatError
 from pipelines.frames.camera_files import read_camera_file
 from pipelines.frames.camera_search import own_camera_file, shared_camera_file
@@ -20,6 +22,7 @@ from pipelines.frames.rgbd_folder import (
     unread_partner,
 )
 
+SAME_CAMERA = 0.5  # pixels by which rounded intrinsics of one camera may differ
 LONGEST_LOOK = 100_000  # bytes of a camera file that are searched for its key
 
 
@@ -108,7 +111,8 @@ def _refuse_two_cameras(camera: Path, depth: Path) -> None:
     if other is None or other == camera:
         return
     one, two = (read_camera_file(path, depth.stem) for path in (camera, other))
-    if (one.fx, one.fy, one.cx, one.cy) != (two.fx, two.fy, two.cx, two.cy):
+    values = [(each.fx, each.fy, each.cx, each.cy) for each in (one, two)]
+    if not np.allclose(*values, rtol=0.0, atol=SAME_CAMERA):
         expected = (
             "give that of the depth image, or of the colour it is registered to, as --intrinsics"
         )

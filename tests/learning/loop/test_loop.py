@@ -120,6 +120,14 @@ def stop_after(run, steps):
     )
 
 
+def stopped_after(steps, output):
+    """Return the checkpoint of a run that stopped after `steps` steps."""
+    run = new_run(output, Line())
+    stop_after(run, steps)
+    run.run()
+    return file_of_run(output, CHECKPOINT)
+
+
 def assert_same(first, second):
     """Assert that kept weights and all tensors of the checkpoints are equal, bit for bit."""
     assert first.read_bytes() == second.read_bytes()
@@ -374,10 +382,7 @@ def test_missing_weights_are_written_again_from_the_checkpoint(tmp_path, whole):
 )
 def test_a_damaged_checkpoint_is_refused_in_a_sentence(tmp_path, damage, message):
     output = tmp_path / "line.safetensors"
-    run = new_run(output, Line())
-    stop_after(run, 14)
-    run.run()
-    checkpoint = file_of_run(output, CHECKPOINT)
+    checkpoint = stopped_after(14, output)
     tensors, metadata = load_weights(checkpoint)
     progress = json.loads(metadata["progress"])
     damage(tensors, progress)
@@ -645,10 +650,7 @@ def test_a_resumed_run_keeps_the_scalars_of_all_validations(tmp_path):
 
 def test_a_checkpoint_of_another_version_is_resumed_with_a_warning(tmp_path, caplog):
     output = tmp_path / "line.safetensors"
-    run = new_run(output, Line())
-    stop_after(run, 1)
-    run.run()
-    checkpoint = file_of_run(output, CHECKPOINT)
+    checkpoint = stopped_after(1, output)
     tensors, metadata = load_weights(checkpoint)
     stamp = json.loads(metadata["provenance"]) | {"version": "0.0.5"}
     save_weights(checkpoint, tensors, metadata | {"provenance": json.dumps(stamp)})

@@ -111,8 +111,8 @@ def _refuse_two_cameras(camera: Path, depth: Path) -> None:
     if other is None or other == camera:
         return
     one, two = (read_camera_file(path, depth.stem) for path in (camera, other))
-    values = [(each.fx, each.fy, each.cx, each.cy) for each in (one, two)]
-    if not np.allclose(*values, rtol=0.0, atol=SAME_CAMERA):
+    first, second = ((each.fx, each.fy, each.cx, each.cy) for each in (one, two))
+    if not np.allclose(first, second, rtol=0.0, atol=SAME_CAMERA):
         expected = (
             "give that of the depth image, or of the colour it is registered to, as --intrinsics"
         )

@@ -147,3 +147,10 @@ def test_a_camera_of_another_image_size_or_of_the_turned_image_is_reported(
     assert not any(
         "principal" in sentence for sentence in oddities(replace(frame, intrinsics=middle))
     )
+
+
+def test_bundled_frames_get_no_remark() -> None:
+    frames = find_frames(BUNDLED)
+    assert len(frames) == 4
+    for frame in frames:
+        assert oddities(frame.read()) == [], frame.name

@@ -153,4 +153,4 @@ def test_bundled_frames_get_no_remark() -> None:
     frames = find_frames(BUNDLED)
     assert len(frames) == 4
     for frame in frames:
-        assert oddities(frame.read()) == [], frame.name
+        assert not oddities(frame.read()), frame.name

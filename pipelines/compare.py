@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.configs import CompareConfig, check_settings
-from pipelines.errors import SymgraspError, printable
+from pipelines.errors import SymgraspError, counted, printable
 from pipelines.evaluation.bootstrap_units import VIEWS_NOTE, bootstrap_units
 from pipelines.evaluation.comparison_notes import frame_notes, setting_notes
 from pipelines.evaluation.figures import TEST_SPLITS
@@ -140,8 +140,9 @@ def tables(comparison: Comparison) -> list[Table]:
     found = []
     for split in dict.fromkeys(figure.split for figure in comparison.figures):
         figures = [figure for figure in comparison.figures if figure.split == split]
-        title = f"{split}: {figures[0].frames} frames in common"
-        title += f", {figures[0].differences[0].units} scenes" if config.unit == "scene" else ""
+        title = f"{split}: {counted(figures[0].frames, 'frame')} in common"
+        if config.unit == "scene":
+            title += f", {counted(figures[0].differences[0].units, 'scene')}"
         title += f", row `{config.row}`" if config.row != DEFAULT_ROW else ""
         found.append(Table(title, tuple(header), tuple(map(_row, figures))))
     note = (

@@ -19,6 +19,11 @@ def printable(text: str) -> str:
     return UNPRINTABLE.sub(_in_percent, text)
 
 
+def counted(count: int, noun: str) -> str:
+    """Return a count with its `noun`, which takes an s in the plural: 1 frame, 2 frames."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
 def error_sentence(error: Exception) -> str:
     """Return the sentence of a `SymgraspError`, or of the system's error about a file."""
     if isinstance(error, OSError) and error.filename and error.strerror:

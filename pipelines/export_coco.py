@@ -24,7 +24,7 @@ from pipelines.dataset.training.region_frames import (
     read_region_frame,
     strided_frames,
 )
-from pipelines.errors import SymgraspError
+from pipelines.errors import SymgraspError, counted
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import (
@@ -65,7 +65,7 @@ def run(
     report = run_batch(STAGE, items, partial(export_scene, root=root, config=config), options)
     if report.failed:
         # Without the failed scenes the split would differ: training scenes might validate a model.
-        count = f"{len(report.failed)} of {len(items)} scenes failed"
+        count = f"{len(report.failed)} of {counted(len(items), 'scene')} failed"
         report.notes["splits"] = f"not joined to annotations/, as {count}"
     elif not options.dry_run:
         report.notes["splits"] = _join(splits, config, options)
@@ -96,7 +96,7 @@ def export_scene(item: WorkItem, root: GraspNetRoot, config: ExportCocoConfig) -
         ]
     categories = coco_instances.category_entries(config.categories, scene.object_ids)
     coco_instances.write(item.target, images, annotations, categories, item.stamp)
-    return f"{len(annotations)} regions in {len(images)} frames"
+    return f"{counted(len(annotations), 'region')} in {counted(len(images), 'frame')}"
 
 
 def _splits(
@@ -150,7 +150,8 @@ def _join(splits: Sequence[WorkItem], config: ExportCocoConfig, options: BatchOp
         annotations = [annotation for _, more in entries for annotation in more]
         if not is_finished(split.target, split.stamp, overwrite=options.overwrite):
             coco_instances.write(split.target, images, annotations, categories, split.stamp)
-        counts.append(f"{split.name}: {len(images)} images, {len(annotations)} regions")
+        found = f"{counted(len(images), 'image')}, {counted(len(annotations), 'region')}"
+        counts.append(f"{split.name}: {found}")
     return "; ".join(counts)
 
 

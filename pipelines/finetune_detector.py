@@ -25,7 +25,7 @@ from pipelines.dataset.scene_digests import digest_of_images, inputs_of_scenes
 from pipelines.dataset.training import coco_instances, detector_frames
 from pipelines.dataset.training.coco_instances import CocoFrame
 from pipelines.dataset.training.region_frames import SCENE, FrameSets, split_frames
-from pipelines.errors import ValueRangeError
+from pipelines.errors import ValueRangeError, counted
 from pipelines.learning.detector import detector_training
 from pipelines.learning.detector.detector_preparation import frames_of_coco, frames_of_scene
 from pipelines.learning.detector.detector_start import starting_detector
@@ -222,4 +222,4 @@ def prepare_scene(item: WorkItem, root: GraspNetRoot, config: FinetuneDetectorCo
     else:
         frames = frames_of_coco(source, root, config)
     detector_frames.write(item.target, frames, item.stamp)
-    return f"{len(frames)} frames"
+    return counted(len(frames), "frame")

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from pipelines.configs import InspectConfig
+from pipelines.errors import counted
 from pipelines.frames.frames import find_frames
 from pipelines.frames.registration import oddities
 from pipelines.frames.rgbd import Frame, FrameSource
@@ -74,7 +75,7 @@ def run(frames: Path, config: InspectConfig, *, stated: FrameOptions = NOTHING_S
 def findings_lines(findings: Findings) -> list[str]:
     """Return the findings as lines of text."""
     read = len(findings.report.done) + len(findings.report.failed)
-    lines = [f"{count} frames as {layout}" for layout, count in findings.found.items()]
+    lines = [f"{counted(count, 'frame')} as {layout}" for layout, count in findings.found.items()]
     if read < findings.found.total():
         lines.append(f"{read} of them were read, evenly spread")
     for group in findings.groups:

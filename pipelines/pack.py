@@ -28,6 +28,7 @@ from pipelines.dataset.training import affordance_labels, packed_regions
 from pipelines.dataset.training.mask_noise import MaskNoise
 from pipelines.dataset.training.packed_regions import PackedScene
 from pipelines.dataset.training.region_frames import read_posed_label, strided_frames
+from pipelines.errors import counted
 from pipelines.geometry.region_masks import RegionInstance, visible_regions
 from pipelines.geometry.symmetry import NUM_SLOTS
 from pipelines.grasping.labelled_regions import LabelledCloud, LabelledSurface, labelled_clouds
@@ -79,7 +80,7 @@ def pack_scene(item: WorkItem, root: GraspNetRoot, config: PackConfig, seed: int
         frame_of_cloud += [frame.frame_id] * (len(clouds) - len(frame_of_cloud))
     packed = _stacked(clouds, frame_of_cloud, config.num_points)
     packed_regions.write(item.target, packed, item.stamp)
-    return f"{len(clouds)} regions in {len(frames)} frames"
+    return f"{counted(len(clouds), 'region')} in {counted(len(frames), 'frame')}"
 
 
 def pack_frame(

@@ -21,6 +21,7 @@ from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.held_back import refuse_held_back
 from pipelines.dataset.scene_digests import inputs_of_scenes
 from pipelines.dataset.training.region_frames import split_frames
+from pipelines.errors import counted
 from pipelines.learning.loop.faults import read_fault
 from pipelines.learning.loop.loop import TrainingRun
 from pipelines.learning.loop.runs import RunRequest, find_progress
@@ -139,4 +140,4 @@ def _prepare_scene(
     write_peer_frames(
         item.target, [prepare(root, frame, config.network) for frame in frames], item.stamp
     )
-    return f"{len(frames)} frames"
+    return counted(len(frames), "frame")

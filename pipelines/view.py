@@ -21,7 +21,7 @@ from pathlib import Path
 import cv2
 
 from pipelines.configs import ViewConfig
-from pipelines.errors import FormatError, SymgraspError
+from pipelines.errors import FormatError, SymgraspError, counted
 from pipelines.frames.frames_record import FramesRecord
 from pipelines.frames.rgbd import Frame, FrameSource
 from pipelines.grasp_files.grasp_checks import refuse_wrong_grasps
@@ -104,7 +104,7 @@ def run(
     if rerun:
         _record(paths, config, items, options, report)
     if not options.dry_run:
-        title = f"{paths.grasps.name}: {len(index.names)} frames"
+        title = f"{paths.grasps.name}: {counted(len(index.names), 'frame')}"
         write_text(paths.index, index_page(title, _entries(paths, index.names, report), whole))
     return report
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from pipelines.array_types import Mask
 from pipelines.configs import InferConfig, LimitsConfig, WorkspaceConfig
-from pipelines.errors import SymgraspError
+from pipelines.errors import SymgraspError, counted
 from pipelines.frames.frames import find_frames
 from pipelines.frames.rgbd import FrameSource
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
@@ -124,7 +124,7 @@ def _draw(
     box = frame_box(observation, config)
     masks: Sequence[Mask] = [region.mask for region in observation.regions]
     found.boxes[source.name] = box
-    found.report.notes[source.name] = f"{len(masks)} regions; {box.options}"
+    found.report.notes[source.name] = f"{counted(len(masks), 'region')}; {box.options}"
     if folder is None:
         return
     inside = box.contains(observation.scene.xyz) | (frame.depth <= 0)  # pixels without depth too

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.array_types import Array, Mask, Singles
-from pipelines.errors import SymgraspError, UnknownNameError
+from pipelines.errors import SymgraspError, UnknownNameError, counted
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import nearest_orthogonal
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable
@@ -199,7 +199,7 @@ class Grasps:
 
     def __repr__(self) -> str:
         best = f", best rank_score {self.rank_score[0]:.2f}" if len(self) else f": {self.message}"
-        return f"Grasps({len(self)} in {len(self.regions)} regions{best})"
+        return f"Grasps({len(self)} in {counted(len(self.regions), 'region')}{best})"
 
 
 def ordered_grasps(result: FrameResult, gripper: Gripper) -> Grasps:

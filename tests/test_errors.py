@@ -5,7 +5,7 @@ import pickle
 
 import pytest
 
-from pipelines.errors import FormatError, SymgraspError, error_sentence, printable
+from pipelines.errors import FormatError, SymgraspError, counted, error_sentence, printable
 from symgrasp_cli.app import PlainFormatter
 
 
@@ -40,3 +40,8 @@ def test_an_error_that_a_worker_sends_back_has_the_same_text() -> None:
 def test_a_warning_about_a_strange_name_is_one_line() -> None:
     record = logging.LogRecord("x", logging.WARNING, "", 0, "%s: odd", ("a\n\x1b[2J",), None)
     assert PlainFormatter("%(message)s").format(record) == "a%0A%1B[2J: odd"
+
+
+@pytest.mark.parametrize(("count", "text"), [(0, "0 frames"), (1, "1 frame"), (12, "12 frames")])
+def test_only_a_count_of_one_takes_the_singular(count: int, text: str) -> None:
+    assert counted(count, "frame") == text

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pipelines.annotation.jobs import STAGE, mesh_of
 from pipelines.dataset.symmetry import bop_models_info, symmetry_labels
-from pipelines.errors import StaleOutputError
+from pipelines.errors import StaleOutputError, counted
 from pipelines.pictures import contact_sheet
 from pipelines.pictures.symmetry_pictures import object_views
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
@@ -83,7 +83,8 @@ def _write_pictures(
     pages = contact_sheet.write_sheets(folder, tiles)
     if not drawn.failed:  # the next run draws again what failed
         write_sidecar(folder, stamp)
-    report.notes["pictures"] = f"{len(tiles)} objects on {len(pages)} sheets, {folder}"
+    drawn_on = counted(len(pages), "sheet")
+    report.notes["pictures"] = f"{counted(len(tiles), 'object')} on {drawn_on}, {folder}"
 
 
 def _write_bop(items: Sequence[WorkItem], path: Path, *, overwrite: bool) -> None:

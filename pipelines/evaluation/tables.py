@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from pipelines.contents import mapping_in
+from pipelines.errors import counted
 from pipelines.evaluation import published
 from pipelines.evaluation.bootstrap_units import interval_note
 from pipelines.evaluation.figures import TEST_SPLITS, Figures
@@ -84,9 +85,8 @@ def _left_out(report: Mapping[str, Any]) -> str:
     if not failed:
         return ""
     scene, why = next(iter(failed.items()))
-    return (
-        f" Left out: {len(failed)} scenes that could not be evaluated, for example {scene}: {why}."
-    )
+    scenes = counted(len(failed), "scene")
+    return f" Left out: {scenes} that could not be evaluated, for example {scene}: {why}."
 
 
 def split_table(report: Mapping[str, Any], figure: str, paper: Published, title: str) -> Table:

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from pipelines.errors import counted
 from pipelines.grasp_files.grasps_stream import read_index
 
 NAMED = 5  # largest number of frames that a sentence names
@@ -21,7 +22,7 @@ class GraspsSummary:
     def lines(self) -> Iterator[str]:
         """Yield sentences for people."""
         full = self.frames - len(self.empty) - self.failed
-        yield f"{self.grasps} grasps on {full} of {self.frames} frames"
+        yield f"{counted(self.grasps, 'grasp')} on {full} of {counted(self.frames, 'frame')}"
         by_reason: dict[str, list[str]] = {}
         for name, reason in self.empty.items():
             by_reason.setdefault(reason, []).append(name)

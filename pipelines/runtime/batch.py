@@ -18,6 +18,7 @@ from pipelines.errors import (
     StaleOutputError,
     SymgraspError,
     WriteError,
+    counted,
     error_sentence,
 )
 from pipelines.runtime.clusters import CLUSTERS, check_backend, workers_of
@@ -99,7 +100,7 @@ class StageReport:
     def why_all_failed(self, predicate: str) -> str:
         """Return the sentence of a stage where all frames failed, with the first reason."""
         name, sentence = next(iter(self.failed.items()))
-        return f"none of {len(self.failed)} frames {predicate}; {name}: {sentence}"
+        return f"none of {counted(len(self.failed), 'frame')} {predicate}; {name}: {sentence}"
 
     def add(self, part: "StageReport", prefix: str = "") -> None:
         """Add the report of a part of the stage, with `prefix` before its names."""

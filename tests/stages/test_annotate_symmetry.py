@@ -317,7 +317,7 @@ def test_pictures_are_made_of_finished_annotations_and_only_once(box):
 
     report = draw()
     assert report.skipped == ["box"]
-    assert "1 objects on 1 sheets" in report.notes["pictures"]
+    assert "1 object on 1 sheet" in report.notes["pictures"]
     sheet = read_image(box / "pictures" / "sheet_01.png")
     assert len(np.unique(sheet.reshape(-1, 3), axis=0)) > 100
     assert "objects/box.png" in (box / "pictures" / "index.html").read_text()

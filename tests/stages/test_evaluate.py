@@ -463,9 +463,7 @@ def test_a_scene_with_a_damaged_label_fails_alone(tmp_path):
     written = read_json(tmp_path / "report.json")
     assert written["failed"] == report.failed
     page = (tmp_path / "report.html").read_text()
-    assert (
-        "Left out: 1 scenes that could not be evaluated, for example scene_0100_realsense" in page
-    )
+    assert "Left out: 1 scene that could not be evaluated, for example scene_0100_realsense" in page
 
 
 def test_a_label_of_another_size_than_the_depth_is_named(tmp_path):

@@ -412,7 +412,7 @@ def test_files_and_folders_are_not_taken_for_each_other(grasps, tmp_path):
 @pytest.mark.parametrize("to", OUTPUTS)
 def test_nothing_is_written_if_no_frame_can_be(to, tmp_path):
     write_grasps(tmp_path / "g.h5", [FrameResult("a", "failed", "no depth")])
-    with pytest.raises(SymgraspError, match=r"none of 1 frames can be exported.*no depth"):
+    with pytest.raises(SymgraspError, match=r"none of 1 frame can be exported.*no depth"):
         run(tmp_path / "g.h5", tmp_path / OUTPUTS[to], to=to)
     assert files_of(tmp_path) == {"g.h5"}
 

@@ -342,7 +342,7 @@ def test_collision_labels_of_earlier_labels_give_a_note(tmp_path: Path) -> None:
     assert "collision labels" not in label(root.root, root.root).notes  # all are finished
     root.grasp_label_path(0).unlink()
     note = label(root.root, root.root).notes["collision labels"]
-    assert "of 1 scenes (first scene_0002)" in note
+    assert "of 1 scene (first scene_0002)" in note
     over = BatchOptions(progress=False, overwrite=True)
     note = label(root.root, root.root, options=over).notes["collision labels"]
     assert "of 2 scenes (first scene_0001) belong to the earlier grasp labels" in note

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from pipelines.errors import counted
 from pipelines.evaluation import published
 from pipelines.evaluation.pages.charts import LineChart, Series
 from pipelines.evaluation.pages.gallery import Gallery
@@ -35,10 +36,12 @@ REASON_WORDS = {
 
 def report_page(report: Mapping[str, Any], gallery: Gallery) -> str:
     """Return the page of a `report.json` and its `gallery`."""
-    counted = _ours(report)
+    sizes = _ours(report)
+    frames = counted(sizes.get("frames", 0), "frame")
+    objects = counted(sizes.get("objects", 0), "object")
     return rendered(
         TEMPLATES / "report.html",
-        title=f"SymGrasp: {counted.get('frames', 0)} frames, {counted.get('objects', 0)} objects",
+        title=f"SymGrasp: {frames}, {objects}",
         tiles=_tiles(report),
         sections=report_sections(report),
         charts={"Grasps": [*_held_charts(report)], "Symmetries": [*_symmetry_charts(report)]},

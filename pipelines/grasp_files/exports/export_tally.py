@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.errors import counted
 from pipelines.grasp_files.exports.export_poses import ExportGripper
 from pipelines.grasp_files.exports.grasp_exports import FrameGrasps
 
@@ -34,9 +35,9 @@ class ExportTally:
     ) -> dict[str, str]:
         """Return sentences on the export called `output`, with `num_frames` written frames."""
         name, behind = gripper.model.name, 1000 * gripper.base_to_contacts
-        frames = "1 frame" if num_frames == 1 else f"{num_frames} frames"
+        written = f"{counted(self.written, 'grasp')} in {counted(num_frames, 'frame')}"
         made = (
-            f"{self.written} grasps in {frames}; gripper {name}, origin of the "
+            f"{written}; gripper {name}, origin of the "
             f"poses {abs(behind):.1f} mm {'behind' if behind >= 0 else 'beyond'} the contacts"
         )
         if not gripper.is_the_one_checked:

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
-from pipelines.errors import SymgraspError
+from pipelines.errors import SymgraspError, counted
 
 
 def collision_note(root: GraspNetRoot, relabelled: Iterable[int]) -> str:
@@ -17,8 +17,9 @@ def collision_note(root: GraspNetRoot, relabelled: Iterable[int]) -> str:
     stale = [i for i in root.scene_ids() if objects & _objects_with_collisions(root, i)]
     if not stale:
         return ""
+    scenes = f"{counted(len(stale), 'scene')} (first scene_{stale[0]:04d})"
     return (
-        f"collision_label and rect of {len(stale)} scenes (first scene_{stale[0]:04d}) belong to "
+        f"collision_label and rect of {scenes} belong to "
         "the earlier grasp labels and do not fit the new labels; delete them"
     )
 

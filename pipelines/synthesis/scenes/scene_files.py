@@ -19,7 +19,7 @@ from pipelines.dataset.graspnet.graspnet_labels import (
 )
 from pipelines.dataset.graspnet.graspnet_layout import SURROUNDINGS_FILE
 from pipelines.dataset.meshes import read_mesh
-from pipelines.errors import SymgraspError
+from pipelines.errors import SymgraspError, counted
 from pipelines.frames.graspnet_scene import (
     ObjectPose,
     write_annotation,
@@ -73,7 +73,7 @@ def write_scene(
         views = record(layout, viewpoints, intrinsics, sensor, rng, config.scenery)
         write_views(folder, camera_folder(sensor), views, layout, viewpoints, intrinsics, free)
         write_sidecar(folder, stamp)
-    return f"{len(layout.objects)} objects, {config.views} views"
+    return f"{counted(len(layout.objects), 'object')}, {counted(config.views, 'view')}"
 
 
 def write_views(

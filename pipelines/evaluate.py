@@ -81,7 +81,8 @@ def run(
     items = runs.items(records_folder(output), stamp, options)
     step = functools.partial(_evaluate_scene, dataset, config, baselines)
     report = run_batch("evaluate", items, step, options)
-    report.notes |= runs.method_notes() | runs.gripper_notes(config.gripper)
+    report.notes |= runs.method_notes() | runs.frames_notes()
+    report.notes |= runs.gripper_notes(config.gripper)
     finished = [item.target for item in items if item.target.exists()]
     if finished and not options.dry_run:
         report.notes |= write_report_files(

@@ -85,7 +85,7 @@ def run(
     items = runs.items(trials_folder(output), stamp, options)
     step = functools.partial(_simulate_scene, dataset, output, config, baselines)
     report.add(run_batch("simulate", items, step, options))
-    report.notes |= runs.gripper_notes(config.gripper)
+    report.notes |= runs.frames_notes() | runs.gripper_notes(config.gripper)
     finished = [item.target for item in items if item.target.exists()]
     if finished and not options.dry_run:
         trials = chain.from_iterable(map(read_trials, finished))

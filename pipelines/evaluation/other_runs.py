@@ -10,7 +10,8 @@ from pipelines.configs.inference import TRAINED_METHODS
 from pipelines.contents import mapping_in
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
-from pipelines.errors import FormatError, SymgraspError, ValueRangeError, printable
+from pipelines.errors import FormatError, ValueRangeError, printable
+from pipelines.evaluation.frames_read import note_of_gone_frames, refuse_another_dataset
 from pipelines.evaluation.predictions import FramePredictions
 from pipelines.evaluation.reports import WITH
 from pipelines.evaluation.rows import (
@@ -88,6 +89,14 @@ class ComparedRuns:
         )
         return {str(self.paths[OURS]): note}
 
+    def frames_notes(self) -> dict[str, str]:
+        """Return a note for each file, by path, whose frames are gone and differ from ours."""
+        found = {
+            f"frames of {path}": note_of_gone_frames(path, read_index(path), self.root)
+            for path in self.paths.values()
+        }
+        return {name: note for name, note in found.items() if note}
+
     def gripper_notes(self, gripper: str) -> dict[str, str]:
         """Return a sentence for each file with grasps for another gripper, by its path."""
         return {
@@ -144,7 +153,7 @@ def _scenes(paths: Mapping[str, Path], root: GraspNetRoot) -> dict[SceneFiles, R
         index = read_index(path)
         names = index.dataset_names(path)
         scenes = places_by_scene(path, index, root)
-        _refuse_another_dataset(path, index, [each[0] for each in scenes.values()], root)
+        refuse_another_dataset(path, index, [each[0] for each in scenes.values()], root)
         theirs = {scene: [names[place] for place in each] for scene, each in scenes.items()}
         if row == OURS:
             found, ours = {scene: {} for scene in scenes}, theirs
@@ -156,41 +165,6 @@ def _scenes(paths: Mapping[str, Path], root: GraspNetRoot) -> dict[SceneFiles, R
         for scene, rows in found.items():
             rows[row] = path, scenes[scene]
     return found
-
-
-def _refuse_another_dataset(
-    path: Path, index: GraspsIndex, places: Sequence[int], root: GraspNetRoot
-) -> None:
-    """Raise FormatError if the frames at `places`, as `infer` read them, are others than in `root`.
-
-    Scenes of two datasets may have the same numbers. Frames that are gone are not compared.
-    """
-    if "frames" not in mapping_in(index.stamp, "recorded"):
-        return  # the file is of an earlier version
-    names = index.dataset_names(path)
-    for place in places:
-        read_as, name = index.frames_folder(path) / index.names[place], Path(names[place])
-        if read_as.parts[-len(name.parts) :] != name.parts:
-            continue  # the recorded folder is no dataset's
-        read_from = read_as.parents[len(name.parts) - 1]
-        if _is_another_frame(GraspNetRoot(read_from), root, str(name)):
-            found = f"its frame {name} was read from {read_from}, and is another in {root.root}"
-            raise FormatError(path, found, "give the dataset that infer was run on")
-
-
-def _is_another_frame(first: GraspNetRoot, second: GraspNetRoot, name: str) -> bool:
-    """Return whether poses and depth of the frame `name` differ between two datasets that have it.
-
-    One dataset may be the other with noisier images or better poses.
-    """
-    try:
-        pairs = [
-            [each.frame(name).path(kind) for each in (first, second)]
-            for kind in ("annotations", "depth")
-        ]
-        return all(one.read_bytes() != other.read_bytes() for one, other in pairs)
-    except (SymgraspError, OSError):  # such a frame is not there, or is reported where it is read
-        return False
 
 
 def _refuse_doubles(path: Path, names: Sequence[str]) -> None:

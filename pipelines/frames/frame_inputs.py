@@ -5,16 +5,21 @@ An existing result records the size and time of change of its files: if these ar
 digests are reused without reading the files (D. 127).
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from pipelines.contents import mapping_in
-from pipelines.storage.provenance import digest
+from pipelines.frames.rgbd import FrameSource
+from pipelines.storage.provenance import Stamp, digest, digest_text
 
 Signature = list[int]  # size, time of change in nanoseconds
 UNREADABLE = "unreadable"
+FRAMES_INPUT = "frames"  # name of the digest of all frames, among the inputs of a `grasps.h5`
+MAX_DIGESTS = 2**16  # kept in memory: a bag is one file of many frames, a frame is one of many runs
 
 
 class FrameInputs(Mapping[str, str]):
@@ -79,7 +84,44 @@ def _signature(path: Path) -> Signature:
     return [state.st_size, state.st_mtime_ns]
 
 
-@lru_cache(maxsize=64)  # a bag is one file of many frames
+def digest_of_stamps(stamps: Iterable[tuple[str, Stamp]]) -> str:
+    """Return one digest of frames, each with its name and the stamp of its result, in order.
+
+    The files of stamps with unknown `FrameInputs` are read.
+    """
+    stamps = list(stamps)
+    inputs = [stamp.inputs for _, stamp in stamps]
+    unknown = [each for each in inputs if isinstance(each, FrameInputs) and not each.are_known]
+    with ThreadPoolExecutor() as threads:  # digests release Python's lock
+        list(threads.map(dict, unknown))
+    return digest_text("\n".join(f"{name} {stamp.as_digest()}" for name, stamp in stamps))
+
+
+def is_made_of(
+    stamp: Mapping[str, Any], names: Sequence[str], sources: Mapping[str, FrameSource]
+) -> bool | None:
+    """Return whether `infer` read the present files of `sources`; reads all of these files.
+
+    Args:
+        stamp: of the `grasps.h5`, as JSON.
+        names: of its frames, in its order.
+        sources: frames by name.
+
+    Returns:
+        None if that is unknown: the stamp has no digest of the frames, or a frame is missing.
+    """
+    inputs = dict(mapping_in(stamp, "inputs"))
+    wanted = inputs.pop(FRAMES_INPUT, None)
+    if wanted is None or not set(names) <= sources.keys():
+        return None
+    whole = Stamp(str(stamp.get("stage")), mapping_in(stamp, "config"), stamp.get("seed", 0))
+    stamps = (
+        (name, replace(whole, inputs=FrameInputs(inputs, sources[name].files))) for name in names
+    )
+    return digest_of_stamps(stamps) == wanted
+
+
+@lru_cache(maxsize=MAX_DIGESTS)
 def _digest(path: Path, _size: int, _changed: int) -> str:
     try:
         return digest(path)

@@ -11,6 +11,7 @@ from typing import Any
 import h5py
 
 from pipelines.errors import FormatError, StaleOutputError, SymgraspError
+from pipelines.frames.frame_inputs import FRAMES_INPUT
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_stream import read_index
 from pipelines.inference.infer_run import STAGE, InferRun, inputs_of
@@ -116,7 +117,7 @@ def refuse_stale(run: InferRun, known: set[str]) -> None:
 def refuse_other_settings(run: InferRun) -> None:
     """Raise StaleOutputError unless the output has these settings; read no images."""
     found, wanted = read_stamp(run.output) or {}, run.stamp(run.shared_inputs).as_json()
-    inputs = {name: each for name, each in found.get("inputs", {}).items() if name != "frames"}
+    inputs = {name: each for name, each in found.get("inputs", {}).items() if name != FRAMES_INPUT}
     if not _has_same_settings(found, wanted) or inputs != wanted["inputs"]:
         raise StaleOutputError(run.output)
 

@@ -4,7 +4,6 @@ Each finished frame is a part next to the output, until the output is merged fro
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -14,7 +13,7 @@ import numpy as np
 
 from pipelines.dataset.chosen_frames import ALL_FRAMES, ChosenFrames
 from pipelines.errors import WriteError
-from pipelines.frames.frame_inputs import FrameInputs
+from pipelines.frames.frame_inputs import FRAMES_INPUT, FrameInputs, digest_of_stamps
 from pipelines.frames.frame_names import shared_last_parts
 from pipelines.frames.frames import find_frames
 from pipelines.frames.frames_record import FramesRecord
@@ -94,12 +93,9 @@ class InferRun:
 
     def output_stamp(self, items: Sequence[WorkItem]) -> Stamp:
         """Return the stamp of the output with `items`; reads all files of the items."""
-        unknown = [inputs for item in items if not (inputs := inputs_of(item)).are_known]
-        with ThreadPoolExecutor() as threads:  # digests release Python's lock
-            list(threads.map(dict, unknown))
-        frames = digest_text("\n".join(f"{item.name} {item.stamp.as_digest()}" for item in items))
+        frames = digest_of_stamps((item.name, item.stamp) for item in items)
         record = FramesRecord(self.settings.paths.frames, self.stated).beside(self.output)
-        return replace(self.stamp({**self.shared_inputs, "frames": frames}), recorded=record)
+        return replace(self.stamp({**self.shared_inputs, FRAMES_INPUT: frames}), recorded=record)
 
     def assemble(
         self,

@@ -22,6 +22,7 @@ import cv2
 
 from pipelines.configs import ViewConfig
 from pipelines.errors import FormatError, SymgraspError, counted
+from pipelines.frames.frame_inputs import is_made_of
 from pipelines.frames.frames_record import FramesRecord
 from pipelines.frames.rgbd import Frame, FrameSource
 from pipelines.grasp_files.grasp_checks import refuse_wrong_grasps
@@ -101,6 +102,10 @@ def run(
     items, failed = _items(paths, index.names, whole, sources)
     report = run_batch(STAGE, items, partial(make_page, paths=paths, config=config), options)
     report.failed = failed | report.failed
+    if is_made_of(index.stamp, index.names, sources) is False:
+        report.notes["frames"] = (
+            "their files are others than those that infer read, so that the grasps may not fit them"
+        )
     if rerun:
         _record(paths, config, items, options, report)
     if not options.dry_run:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from pipelines import view
-from pipelines.configs import ViewConfig
+from pipelines import infer, view
+from pipelines.configs import InferConfig, ViewConfig
 from pipelines.errors import FormatError, StaleOutputError, SymgraspError, UnknownNameError
 from pipelines.frames.frames_record import FramesRecord
 from pipelines.grasp_files import grasps_file
@@ -211,6 +211,16 @@ def test_frames_are_found_where_infer_read_them_or_in_a_given_folder(grasps, tmp
     unsaid = write_results(tmp_path / "old.h5", [result("one/a")])
     with pytest.raises(FormatError, match="--frames"):
         run(unsaid, tmp_path / "new")
+
+
+def test_frames_that_changed_since_infer_read_them_are_noted(tmp_path):
+    frames, grasps, out = (tmp_path / name for name in ("frames", "grasps.h5", "out"))
+    write_frame(frames, "a", [Box((0.05, 0.05, 0.05))])
+    config = InferConfig(regions="geometric", method="random")
+    infer.run(infer.InferPaths(frames, grasps), config, OPTIONS)
+    assert "frames" not in run(grasps, out).notes
+    write_frame(frames, "a", [Box((0.05, 0.05, 0.09))])
+    assert "others than those that infer read" in run(grasps, out).notes["frames"]
 
 
 def test_a_recording_for_rerun_is_added_to_finished_pages(grasps, tmp_path, monkeypatch):

@@ -22,6 +22,7 @@ from pipelines.array_types import Singles
 from pipelines.configs import LabelConfig, LabelGraspsConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_labels import (
+    is_compressed,
     join_grasp_labels,
     part_arrays,
     write_grasp_label,
@@ -179,7 +180,7 @@ def _label(
     try:
         stamp = make_stamp(STAGE, config, seed=seed, inputs={model.name: digest_if_there(model)})
         if is_finished(target, stamp, overwrite=options.overwrite):
-            report.skipped.append(source.title)
+            _keep(report, source.title, target, compress=compress, dry_run=options.dry_run)
             return
         if options.dry_run:
             report.notes[source.title] = f"would write {target}"
@@ -208,6 +209,19 @@ def _label(
     report.done.append(source.title)
     notes = (summary, too_small, report.notes.pop(source.title, ""))
     report.notes[source.title] = "; ".join(text for text in notes if text)
+
+
+def _keep(report: StageReport, title: str, label: Path, *, compress: bool, dry_run: bool) -> None:
+    """Add a finished label to `report`; `compress` it if it is not compressed yet."""
+    if not compress or is_compressed(label):
+        report.skipped.append(title)
+        return
+    if dry_run:
+        report.notes[title] = f"would compress {label}"
+        return
+    join_grasp_labels(label, [label], compress=True)
+    report.done.append(title)
+    report.notes[title] = "its finished labels are compressed, and otherwise the same"
 
 
 def number_of_points(mesh: Mesh, config: LabelGraspsConfig) -> int:

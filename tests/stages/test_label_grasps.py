@@ -157,6 +157,14 @@ def test_compressed_labels_hold_the_same_in_fewer_bytes(meshes: Path, tmp_path: 
     np.testing.assert_array_equal(plain.offsets, zipped.offsets)
     np.testing.assert_array_equal(plain.collision, zipped.collision)
     assert paths[1].stat().st_size < 0.2 * paths[0].stat().st_size
+    label(meshes / "box.ply", tmp_path / "plain", compress=True, options=BatchOptions(dry_run=True))
+    assert paths[0].stat().st_size > paths[1].stat().st_size
+    report = label(meshes / "box.ply", tmp_path / "plain", compress=True)
+    assert report.done == ["000 box"]
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+    for compress in (True, False):  # compressed labels stay
+        assert label(meshes / "box.ply", tmp_path / "plain", compress=compress).skipped
+    assert paths[0].read_bytes() == paths[1].read_bytes()
 
 
 def test_bad_meshes_are_named_and_the_rest_is_done(meshes: Path, tmp_path: Path) -> None:

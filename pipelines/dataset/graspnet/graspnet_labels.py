@@ -106,6 +106,20 @@ def join_grasp_labels(path: Path, parts: Sequence[Path], *, compress: bool = Fal
                 _write_joined(stream, parts, name)
 
 
+def is_compressed(path: Path) -> bool:
+    """Return whether the arrays of a label file are compressed.
+
+    Raises:
+        FormatError: the file is no whole label file.
+    """
+    try:
+        with zipfile.ZipFile(existing(path)) as archive:
+            return all(each.compress_type != zipfile.ZIP_STORED for each in archive.infolist())
+    except zipfile.BadZipFile as error:
+        found = f"this grasp label is damaged ({error})"
+        raise FormatError(path, found, "run label-grasps with --overwrite") from error
+
+
 def part_arrays(parts: Sequence[Path], name: str) -> Iterator[NDArray[Any]]:
     """Yield the array `name` of each of `parts`, reading no other array.
 

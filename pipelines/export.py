@@ -23,7 +23,7 @@ from functools import partial
 from pathlib import Path
 
 from pipelines.configs import ExportConfig, check_settings
-from pipelines.errors import SymgraspError
+from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.frames.hand_eye import POSE_SUFFIXES
 from pipelines.grasp_files.exports import (
     contact_graspnet_predictions,
@@ -105,7 +105,7 @@ def run(
     """
     started, report = time.monotonic(), StageReport(STAGE)
     check_settings(config)
-    _check_kind(output, config.to)
+    _check_options(output, config, in_base=camera_to_base is not None)
     index = read_index(grasps)
     name_or_path = gripper_to_use(config.gripper, index.gripper, index.stamp)
     gripper = _gripper(index, name_or_path, config)
@@ -145,6 +145,15 @@ def _check_kind(output: Path, to: str) -> None:
         raise SymgraspError(f"{output} must be one file; let --out end in .{to}")
     if to in TO_FOLDER and output.is_file():
         raise SymgraspError(f"{output} is a file; {to} is written as a folder, choose another")
+
+
+def _check_options(output: Path, config: ExportConfig, *, in_base: bool) -> None:
+    """Check the kind of `output`, and that --frame-id is used: some formats name only a base."""
+    _check_kind(output, config.to)
+    naming = ("ros-json", "json", "csv", "isaac") if in_base else ("ros-json",)
+    if config.frame_id and config.to not in naming:
+        expected = f"left out: {config.to} does not name the frame of the poses; ros-json does"
+        raise ValueRangeError("--frame-id", config.frame_id, expected)
 
 
 def _gripper(index: GraspsIndex, name_or_path: str, config: ExportConfig) -> ExportGripper:

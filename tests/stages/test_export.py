@@ -294,6 +294,14 @@ def test_ros_poses_name_the_base_that_the_calibration_or_the_user_names(grasps, 
         found = json.loads((tmp_path / str(number) / "desk" / "0007.json").read_text())
         assert found["pose_array"]["header"]["frame_id"] == expected
         assert expected in found["axes"]
+    export.run(
+        grasps, tmp_path / "x.json", ExportConfig(to="json", frame_id="hall"), camera_to_base=eye
+    )
+    assert "hall" in (tmp_path / "x.json").read_text()
+    for to, base in (("graspnet", eye), ("json", None)):
+        config = ExportConfig(to=to, frame_id="hall")
+        with pytest.raises(ValueRangeError, match=rf"--frame-id .* {to} does not name the frame"):
+            export.run(grasps, tmp_path / OUTPUTS[to], config, camera_to_base=base)
 
 
 def test_contact_graspnet_has_its_own_origin_unless_a_gripper_is_named(grasps, tmp_path):

@@ -18,7 +18,7 @@ from pipelines.pictures.pages import rendered
 
 TEMPLATES = Path(__file__).parents[1] / "templates"
 
-THRESHOLD_DASHES = ("", "7 4", "2 3")
+THRESHOLD_DASHES = ("", "7 4", "2 3")  # of the first thresholds, solid first
 REASON_COLORS = dict(
     zip(REASONS, ("#b9bec6", "#8d939d", "#8e5bb5", "#d0492f", "#e6a817", "#f0d264", "#2f9e5b"),
         strict=True)
@@ -119,13 +119,19 @@ def _symmetry_charts(report: Mapping[str, Any]) -> Iterator[LineChart]:
     for kind in SYMMETRY_KINDS:
         measure = "centre within {} m" if kind == "sphere" else "error below {}"
         lines = [
-            Series(measure.format(key), *_reached(curves["recall"], precision), blue, dashes)
-            for (key, precision), dashes in zip(
-                found.get(kind, {}).items(), THRESHOLD_DASHES, strict=False
+            Series(
+                measure.format(key), *_reached(curves["recall"], precision), blue, _dashes(place)
             )
+            for place, (key, precision) in enumerate(found.get(kind, {}).items())
         ]
         if lines:
             yield LineChart(f"{kind}, all splits", "recall", "precision", lines)
+
+
+def _dashes(place: int) -> str:
+    """Return the dashes of the line of the threshold at `place`, different for each."""
+    few = place < len(THRESHOLD_DASHES)
+    return THRESHOLD_DASHES[place] if few else f"{4 * place} 3 2 3"
 
 
 def _reached(

@@ -95,6 +95,17 @@ def test_curves_have_axes_with_labels_and_a_line_a_threshold():
         assert all(0 <= x <= 420 and 0 <= y <= 290 for x, y in points)
 
 
+def test_every_threshold_has_a_line_of_its_own():
+    made = report()
+    (first, *_) = made["curves"]["symmetry"]["ours"]["reflection"].values()
+    keys = ["0.5", "0.4", "0.3", "0.2", "0.1"]
+    made["curves"]["symmetry"]["ours"]["reflection"] = dict.fromkeys(keys, first)
+    reader = Reader(report_page(made, Gallery()))
+    lines = [attrs for tag, attrs in reader.found if tag == "polyline"][2:]
+    assert len({line.get("stroke-dasharray") for line in lines}) == len(lines) == len(keys)
+    assert all(f"error below {key}" in reader.text for key in keys)
+
+
 def test_tables_stand_under_their_headings_and_given_ones_last():
     made = report()
     made["tables"] = [{"title": "Cost <of>", "header": ["row", "s"], "rows": [["ours", "0.3"]]}]

@@ -113,7 +113,7 @@ def test_a_resumed_training_equals_one_that_never_stopped(root, output, tmp_path
         report = finetune_detector.run(
             [root.root], path, CONFIG, REQUEST, split=None, options=QUIET
         )
-    assert report.notes[path.name].startswith("1 steps")
+    assert report.notes[path.name].startswith("1 step in ")
     assert "finished" not in report.notes[path.name]
     resumed = replace(REQUEST, resume=True)
     report = finetune_detector.run([root.root], path, CONFIG, resumed, split=None, options=QUIET)

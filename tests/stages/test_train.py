@@ -66,7 +66,7 @@ def test_other_settings_are_refused(packed, output):
 def test_a_resumed_training_equals_one_that_never_stopped(packed, output, tmp_path):
     path, resumed = tmp_path / "network.safetensors", replace(REQUEST, resume=True)
     report = train.run(packed, None, path, CONFIG, replace(REQUEST, max_seconds=0.0))
-    assert report.notes[path.name].startswith("1 steps")
+    assert report.notes[path.name].startswith("1 step in ")
     for steps in (3, 6):  # in the first epoch, in the second
         with stopped_after(steps):
             report = train.run(packed, None, path, CONFIG, resumed)

@@ -130,7 +130,7 @@ def test_a_resumed_training_equals_one_that_never_stopped(name, root, trained, t
     path = tmp_path / whole.name
     with stopped_after(1):
         report = train(root, path, name=name)
-    assert report.notes[path.name].startswith("1 steps")
+    assert report.notes[path.name].startswith("1 step in ")
     assert train(root, path, request=replace(REQUEST, resume=True), name=name).done
     assert path.read_bytes() == whole.read_bytes()
 

@@ -32,6 +32,7 @@ from pipelines.learning.loop.runs import (
     RunRequest,
     describe,
     file_of_run,
+    steps_done,
 )
 from pipelines.learning.loop.trainee import Items, Trainee
 from pipelines.learning.progress.display import Display
@@ -130,7 +131,7 @@ class TrainingRun:
         if reason > StopReason.TIME_LIMIT and not self.progress.finished:
             raise TrainingStopped(
                 reason,
-                f"after {self.progress.total_steps} steps; "
+                f"after {steps_done(self.progress)}; "
                 f"{file_of_run(self.output, CHECKPOINT)} holds them, --resume continues",
             )
         return self.progress
@@ -243,14 +244,13 @@ class TrainingRun:
             self.progress.epoch, self.progress.step = self.progress.epoch + 1, 0
         if self.writer is None:
             return
-        steps = self.progress.total_steps
-        self.progress.history.add_figures(steps, figures)
+        self.progress.history.add_figures(self.progress.total_steps, figures)
         # The module has its own weights again, so that this may write a checkpoint.
         self.files.keep_if_best(figures, weights, self.progress, whole_epoch=whole_epoch)
         for name, figure in figures.items():
-            self.writer.add_scalar(f"val/{name}", figure, steps)
+            self.writer.add_scalar(f"val/{name}", figure, self.progress.total_steps)
         text = ", ".join(f"{name} {figure:.4g}" for name, figure in figures.items())
-        self.display.say(f"validation after {steps} steps: {text}")
+        self.display.say(f"validation after {steps_done(self.progress)}: {text}")
 
     def _figures_and_weights(self) -> tuple[dict[str, float], dict[str, torch.Tensor]]:
         """Return the figures of the mean weights, and the mean weights at this step."""

@@ -199,9 +199,14 @@ def refuse_own_start(init: Path | None, output: Path) -> None:
         raise ValueRangeError("--init", init, "another file than --out, such as a copy")
 
 
+def steps_done(progress: Progress) -> str:
+    """Return the number of all steps in words."""
+    return "1 step" if progress.total_steps == 1 else f"{progress.total_steps} steps"
+
+
 def describe(progress: Progress) -> str:
     """Return the number of steps and the figures of the kept weights, in one line."""
     figures = ", ".join(f"{name} {value:.4g}" for name, value in progress.kept.items())
     judged = f"best on unseen scenes: {figures}" if figures else "no weights are written yet"
     state = "finished" if progress.finished else "stopped by its time limit, --resume continues"
-    return f"{progress.total_steps} steps in {progress.seconds / 60:.1f} min, {state}; {judged}"
+    return f"{steps_done(progress)} in {progress.seconds / 60:.1f} min, {state}; {judged}"

@@ -22,6 +22,7 @@ from pipelines.errors import FormatError, ValueRangeError
 from pipelines.learning.loop.runs import (
     CHECKPOINT,
     CURVES,
+    FAULT,
     TRAIN_AGAIN,
     Progress,
     file_of_run,
@@ -140,7 +141,11 @@ class RunFiles:
         write_curves(file_of_run(self.output, CURVES), progress.history, self.trainee.best_by)
 
     def finish(self, progress: Progress) -> None:
-        """Write the best weights of a finished run, if a kill has prevented that."""
+        """Write the best weights of a finished run, if a kill has prevented that.
+
+        A faulty batch of an earlier try is removed: this run has passed it.
+        """
+        file_of_run(self.output, FAULT).unlink(missing_ok=True)
         if self._best and (progress.kept != progress.figures or not self.output.exists()):
             self._write_best(progress)
 

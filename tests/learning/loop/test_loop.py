@@ -580,6 +580,14 @@ def test_a_gradient_that_is_not_finite_stops_too(tmp_path):
     assert file_of_run(tmp_path / "line.safetensors", FAULT).exists()
 
 
+def test_a_finished_run_removes_the_faulty_batch_that_it_has_passed(tmp_path):
+    output = tmp_path / "line.safetensors"
+    stopped_after(4, output)
+    file_of_run(output, FAULT).write_bytes(b"of an earlier try")
+    trained(output, resume=True)
+    assert not file_of_run(output, FAULT).exists()
+
+
 @pytest.mark.parametrize("size", [1, 2, 8])
 def test_accumulated_gradients_are_those_of_the_whole_batch(size):
     class Plain(Line):

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from pipelines.learning.loop.runs import RunRequest
     from pipelines.runtime.batch import BatchOptions
 
+DEFAULT_THREADS = 2  # of a training, also on a machine with one core
 WORKER_MEMORY = 1e9  # bytes; workers were seen to take half of it (docs/experiments/speed.md)
 
 
@@ -142,7 +143,7 @@ Batch = Annotated["BatchOptions", FromOptions(batch_options)]
 def run_on_cpu(
     max_seconds: MaxSeconds = None,
     max_minutes: MaxMinutes = None,
-    threads: Threads = 2,
+    threads: Threads = DEFAULT_THREADS,
     seed: Seed = 0,
     resume: Resume = False,
     overwrite: Overwrite = False,
@@ -151,8 +152,15 @@ def run_on_cpu(
     import logging
     import sys
 
+    from joblib import cpu_count
+
     from pipelines.learning.loop.runs import RunRequest
 
+    cores = cpu_count()
+    if threads > max(cores, DEFAULT_THREADS):
+        warning = "--threads %d is more than this machine's %d cores: %d work at a time"
+        logging.getLogger(__name__).warning(warning, threads, cores, cores)
+        threads = cores
     if max_seconds is not None and max_minutes is not None:
         raise typer.BadParameter("--time-limit is the old name of --max-seconds; give one of them")
     level = logging.WARNING if report_style().quiet else logging.INFO

@@ -31,6 +31,13 @@ def test_no_more_processes_than_cores_are_started_on_this_machine(caplog, backen
     assert [record.getMessage() for record in caplog.records] == expected * (used < workers)
 
 
+@pytest.mark.parametrize(("threads", "used"), [(1, 1), (4, 4), (1000, 4)])
+def test_a_training_has_no_more_threads_than_cores(caplog, threads, used):
+    assert run_on_cpu(threads=threads).threads == used
+    expected = [f"--threads {threads} is more than this machine's 4 cores: 4 work at a time"]
+    assert [record.getMessage() for record in caplog.records] == expected * (used < threads)
+
+
 @pytest.mark.parametrize(("free", "used"), [(9e9, 4), (2.5e9, 2), (1e8, 1), (None, 4)])
 def test_without_a_number_there_are_as_many_workers_as_cores_and_memory_allow(
     monkeypatch, free, used

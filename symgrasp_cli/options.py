@@ -60,7 +60,8 @@ Threads = Annotated[int, _running("CPU cores to train on.", min=1, metavar="N")]
 MaxSeconds = Annotated[
     float | None,
     _running(
-        "Time after which to stop cleanly, at least one step later; --resume continues.",
+        "Time of training, without its preparation, after which to stop cleanly, at least one step "
+        "later; --resume continues.",
         min=0.0,
         metavar="SECONDS",
     ),

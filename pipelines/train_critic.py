@@ -41,6 +41,7 @@ from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_bat
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import real_path
 from pipelines.storage.provenance import (
+    MISSING,
     Stamp,
     digest,
     digest_if_there,
@@ -87,6 +88,7 @@ def run(
     earlier = find_progress(output, stamp, request)
     if earlier is not None and earlier.finished:
         return StageReport(STAGE, skipped=[output.name])
+    _warn_of_shared_objects(roots, held_out, items)
     step = partial(collect_scene, kind=kind, paths=paths, config=config, seed=request.seed)
     scenes = [each for group in items.values() for each in group]
     report = run_batch(STAGE, scenes, step, options or BatchOptions())
@@ -129,6 +131,27 @@ def _warn_of_unused_weights(kind: CriticKind, paths: ModelPaths) -> None:
     for name, path in vars(paths).items():
         if name not in kind.needs and path != getattr(ModelPaths, name):
             log.warning("%s is not used to train a critic of %s", path, kind.name)
+
+
+def _warn_of_shared_objects(
+    roots: Sequence[Path], held_out: Sequence[Path], items: Mapping[Path, Sequence[WorkItem]]
+) -> None:
+    """Warn of datasets to calibrate on that have objects of the datasets to train on."""
+    learned = {mesh for root in roots for mesh in _meshes(items[root])}
+    for root in held_out:
+        own = _meshes(items[root])
+        if shared := len(own & learned):
+            log.warning(
+                "%d of the %d objects of %s are trained on too: the calibration is too confident; "
+                "give a --calibrate with other objects",
+                *(shared, len(own), root),
+            )
+
+
+def _meshes(items: Sequence[WorkItem]) -> set[str]:
+    """Return the digests of the meshes of all objects in scenes."""
+    inputs = [pair for item in items for pair in item.stamp.inputs.items()]
+    return {found for name, found in inputs if "/" in name and found != MISSING}
 
 
 def weights_used(kind: CriticKind, paths: ModelPaths, config: InferConfig) -> dict[str, str]:

@@ -23,6 +23,7 @@ from pipelines.storage.h5_files import open_h5
 log = logging.getLogger(__name__)
 # Fields that must agree for an existing output to be reused; the version is not compared.
 COMPARED = ("stage", "config", "seed", "inputs")
+MISSING = "missing"  # in place of the digest of a file that does not exist
 PAGE_STAMP = re.compile('<meta name="provenance" content="([^"]*)">')
 PAGE_HEAD = 65536  # first characters of a page, which must contain its stamp
 
@@ -100,7 +101,7 @@ def digest(path: Path) -> str:
 
 def digest_if_there(path: Path) -> str:
     """Return the digest of a file, or `missing` if there is no file, which its reader reports."""
-    return digest(path) if path.is_file() else "missing"
+    return digest(path) if path.is_file() else MISSING
 
 
 def digest_text(text: str) -> str:

@@ -1,5 +1,6 @@
 """The train-critic stage on a box, a can and a ball: rows collected once, files for `infer`."""
 
+import shutil
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -28,7 +29,7 @@ from pipelines.learning.critics.logistic import best_of_groups
 from pipelines.learning.loop.faults import save_fault
 from pipelines.learning.loop.runs import RunRequest
 from pipelines.learning.speed.gradients import loss_seed
-from pipelines.runtime.batch import BatchOptions
+from pipelines.runtime.batch import BatchOptions, StageReport
 from pipelines.storage.checkpoints import load_weights
 from pipelines.storage.provenance import make_stamp, read_stamp
 from symgrasp_cli.app import app
@@ -292,6 +293,20 @@ def test_wrong_roots_are_refused_in_a_sentence(roots, tmp_path):
         run("axes", roots, tmp_path / "x.bin")
     with pytest.raises(SymgraspError, match="critic 'hands'"):
         critic_kind("hands")
+
+
+def test_objects_that_are_both_trained_and_calibrated_on_are_named(
+    roots, tmp_path, caplog, monkeypatch
+):
+    faulty = StageReport("collecting", failed={"scene": "it ends here"})
+    monkeypatch.setattr(train_critic, "run_batch", lambda *_: faulty)
+    run("axes", roots, tmp_path / "axes.safetensors")
+    held = shutil.copytree(roots[1], tmp_path / "held")
+    for path in held.glob("models/*/nontextured.ply"):
+        path.write_bytes(path.read_bytes() + b"\n")
+    run("axes", [roots[0], held], tmp_path / "axes.safetensors")
+    (message,) = (each.getMessage() for each in caplog.records)
+    assert message.startswith(f"3 of the 3 objects of {roots[1]} are trained on too: ")
 
 
 def test_a_faulty_scene_fails_alone_and_no_critic_is_written(roots, tmp_path):

@@ -92,7 +92,9 @@ def gripper_of(source: str, config: GripperConfig) -> tuple[Gripper, list[str]]:
 
 def as_gripper_toml(gripper: Gripper, source: str) -> str:
     """Return the TOML text of a gripper, metres."""
-    name = gripper.name.replace("\\", "").replace('"', "")
+    # Line breaks and other control characters would end the comment or the text.
+    name, source = ("".join(filter(str.isprintable, text)) for text in (gripper.name, source))
+    name = name.replace("\\", "").replace('"', "")
     lines = [f"# From {source.encode('ascii', 'replace').decode()}; metres.", f'name = "{name}"']
     lines += [f"{each.name} = {getattr(gripper, each.name):.5f}" for each in fields(Gripper)[1:]]
     return "\n".join(lines) + "\n"

@@ -103,6 +103,13 @@ def test_the_command_writes_a_file_that_infer_takes_and_a_picture(tmp_path):
     assert CliRunner().invoke(app, ["gripper", "from-urdf", str(out)]).exit_code == 2
 
 
+def test_a_name_with_a_line_break_gives_a_file_that_can_be_read(tmp_path):
+    source, out = tmp_path / "a\nb.urdf", tmp_path / "mine.toml"
+    source.write_text(URDF.replace("toy_hand", "toy&#10;ha\\nd"))
+    gripper.run(str(source), GripperConfig(), output=out)
+    assert load_gripper(str(out)).name == "toyhand"
+
+
 def test_the_same_command_completes_what_a_killed_run_left(tmp_path, monkeypatch):
     (tmp_path / "g.urdf").write_text(URDF)
     out, picture = tmp_path / "mine.toml", tmp_path / "mine.png"

@@ -32,6 +32,7 @@ from pipelines.storage.files import atomic_folder
 from pipelines.storage.images import write_image
 from pipelines.storage.provenance import (
     digest,
+    digest_text,
     is_finished,
     make_stamp,
     refuse_foreign,
@@ -81,8 +82,7 @@ def run(
     check_limits(LimitsConfig(box=config.box, box_frame=config.box_frame))
     sources = find_frames(frames, stated)
     sources = sources[: config.max_frames]
-    inputs = {f"{s.name} {path.name}": digest(path) for s in sources for path in s.files}
-    stamp = make_stamp(STAGE, config, inputs=inputs)
+    stamp = make_stamp(STAGE, config, inputs=_inputs(sources, stated))
     refuse_foreign(output, STAGE)
     finished = is_finished(output, stamp, overwrite=overwrite)  # the boxes are printed again
     with nullcontext() if finished else atomic_folder(output) as folder:
@@ -94,6 +94,19 @@ def run(
         if folder is not None:
             write_sidecar(folder, stamp)
     found.report.seconds = time.monotonic() - started
+    return found
+
+
+def _inputs(sources: Sequence[FrameSource], stated: FrameOptions) -> dict[str, str]:
+    """Return the digests of all files of the frames, and of what the user states instead."""
+    found: dict[str, str] = {}
+    for source in sources:
+        for path in source.files:
+            name = f"{source.name} {path.name}"
+            # Colour and depth may have one name, in two folders.
+            found[f"{name} in {path.parent.name}" if name in found else name] = digest(path)
+    if stated != NOTHING_STATED:
+        found["overrides"] = digest_text(f"{stated.camera} {stated.depth_units_per_metre}")
     return found
 
 

@@ -9,15 +9,17 @@ from typer.testing import CliRunner
 
 from pipelines import workspace
 from pipelines.configs import InferConfig, LimitsConfig, WorkspaceConfig
-from pipelines.errors import SymgraspError
+from pipelines.errors import StaleOutputError, SymgraspError
 from pipelines.frames.frames import find_frames
+from pipelines.frames.rgbd_folder import FrameOptions
 from pipelines.frames.workspace_files import parse_workspace
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.inference.frame_grasps import Planner
 from pipelines.inference.models import WEIGHTS
 from pipelines.storage.files import read_json
-from pipelines.storage.images import read_image
+from pipelines.storage.images import read_image, write_image
 from symgrasp_cli.app import app
+from tests.stages.toy_root import write_root
 
 FRAMES = WEIGHTS / "frames"
 ONE = WorkspaceConfig(max_frames=1)
@@ -90,6 +92,20 @@ def test_a_second_run_returns_the_boxes_and_leaves_masks_that_were_painted(tmp_p
     (folder / "table_1_mask.png").write_bytes(b"painted")
     assert workspace.run(FRAMES, folder, ONE).options() == first.options()
     assert (folder / "table_1_mask.png").read_bytes() == b"painted"
+
+
+def test_pictures_of_other_images_or_of_another_stated_unit_are_not_kept(tmp_path):
+    frames = write_root(tmp_path / "root").root / "scenes/scene_0100/realsense"
+    config = WorkspaceConfig(max_frames=1, box=(-0.1, -0.1, 0.3, 0.1, 0.1, 0.9), box_frame="camera")
+    workspace.run(frames, tmp_path / "w", config)
+    halved = FrameOptions(depth_units_per_metre=2000.0)
+    with pytest.raises(StaleOutputError):
+        workspace.run(frames, tmp_path / "w", config, stated=halved)
+    workspace.run(frames, tmp_path / "w", config)
+    color = frames / "rgb/0000.png"  # its depth has the same name in another folder
+    write_image(color, read_image(color) + 1)
+    with pytest.raises(StaleOutputError):
+        workspace.run(frames, tmp_path / "w", config)
 
 
 def test_a_folder_with_other_content_is_not_replaced(tmp_path):

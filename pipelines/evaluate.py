@@ -77,11 +77,12 @@ def run(
     stamp = make_stamp("evaluate", settings, seed=seed, inputs=inputs)
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another report
     simulated = reports.read_successes(success, stamp)
+    notes = reports.incomplete_notes(simulated)
     further = [reports.read_table(path) for path in tables]
     items = runs.items(records_folder(output), stamp, options)
     step = functools.partial(_evaluate_scene, dataset, config, baselines)
     report = run_batch("evaluate", items, step, options)
-    report.notes |= runs.method_notes() | runs.frames_notes()
+    report.notes |= notes | runs.method_notes() | runs.frames_notes()
     report.notes |= runs.gripper_notes(config.gripper)
     finished = [item.target for item in items if item.target.exists()]
     if finished and not options.dry_run:

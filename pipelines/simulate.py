@@ -89,7 +89,7 @@ def run(
     finished = [item.target for item in items if item.target.exists()]
     if finished and not options.dry_run:
         trials = chain.from_iterable(map(read_trials, finished))
-        write_success(output, trials, config.frictions, stamp)
+        write_success(output, trials, config.frictions, stamp, report.failed)
     return report
 
 

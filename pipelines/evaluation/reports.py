@@ -142,6 +142,19 @@ def read_successes(paths: Sequence[Path], stamp: Stamp) -> dict[str, dict[str, A
     return found
 
 
+def incomplete_notes(simulated: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
+    """Return a note for each row whose rates, as `read_successes` gives them, lack scenes."""
+    notes = {}
+    for row, content in simulated.items():
+        failed = mapping_in(content, "failed")
+        for name, why in list(failed.items())[:1]:
+            notes[f"success of {row}"] = (
+                f"the rates lack what failed in `simulate`, {len(failed)} of its scenes and "
+                f"models, for example {name}: {why}"
+            )
+    return notes
+
+
 def _other_settings(origin: Mapping[str, Any], stamp: Stamp, row: str) -> list[str]:
     """Return each setting of a simulation's stamp that tries other objects or grasps of `row`.
 

@@ -53,15 +53,23 @@ def outcome_counts(
 
 
 def write_success(
-    path: Path, frames: Iterable[FrameTrials], frictions: Sequence[float], stamp: Stamp
+    path: Path,
+    frames: Iterable[FrameTrials],
+    frictions: Sequence[float],
+    stamp: Stamp,
+    failed: Mapping[str, str] | None = None,
 ) -> None:
-    """Write `success.json`: our rates, and in `baselines` the rates of other methods."""
+    """Write `success.json`: our rates, and in `baselines` the rates of other methods.
+
+    `failed`: scene or model without trials, to reason.
+    """
     frames = list(frames)
     rows = ordered_rows({row for frame in frames for row in frame.baselines})
     content = {
         "frictions": list(frictions),
         **_row_content(frames, frictions, OURS),
         "baselines": {row: _row_content(frames, frictions, row) for row in rows},
+        **({"failed": dict(failed)} if failed else {}),
         "format_version": FORMAT_VERSION,
         "provenance": stamp.as_json(),
     }

@@ -10,12 +10,15 @@ from pipelines.dataset import object_list
 from pipelines.dataset.object_list import ObjectRecord
 from pipelines.errors import FormatError
 from pipelines.evaluation.reports import (
+    incomplete_notes,
     read_report,
+    read_success,
     read_successes,
     read_table,
     write_report,
 )
 from pipelines.geometry.symmetry import RotationSymmetry
+from pipelines.simulation.success import write_success
 from pipelines.storage.files import write_json
 from pipelines.storage.provenance import is_finished, make_stamp
 
@@ -53,6 +56,15 @@ def simulated(path: Path, grasps: str = "sha256:1", seed: int = 0, **changed: ob
     content = {"success": {}, "frictions": [], "format_version": 1}
     write_json(path, content | {"provenance": stamp.as_json()})
     return path
+
+
+def test_rates_without_the_scenes_that_failed_are_noted(tmp_path: Path) -> None:
+    for failed in ({}, {"scene_0100_realsense": "its label is damaged"}):
+        write_success(tmp_path / "s.json", [], (0.5,), make_stamp("simulate", {}), failed)
+        notes = incomplete_notes({"ours": read_success(tmp_path / "s.json")})
+        assert ("failed" in read_success(tmp_path / "s.json")) == bool(failed)
+        assert list(notes) == ["success of ours"] * len(failed)
+    assert "scene_0100_realsense: its label is damaged" in notes["success of ours"]
 
 
 @pytest.mark.parametrize(

@@ -403,7 +403,9 @@ def test_a_scene_with_a_damaged_label_fails_alone(tmp_path):
     write_grasps(tmp_path / "g.h5", results)
     report = run(tmp_path / "g.h5", root, tmp_path / "success.json")
     assert list(report.failed) == ["scene_0100_realsense"]
-    assert read_json(tmp_path / "success.json")["success"]["all"]["all"]["0.5"]["held"] == 6
+    content = read_json(tmp_path / "success.json")
+    assert content["success"]["all"]["all"]["0.5"]["held"] == 6
+    assert content["failed"] == report.failed
 
 
 def test_objects_are_those_with_a_pose_and_one_that_cannot_be_cut_is_named(root, tmp_path):

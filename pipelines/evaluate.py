@@ -76,6 +76,7 @@ def run(
     inputs = runs.inputs(config.gripper, baselines=baselines)
     stamp = make_stamp("evaluate", settings, seed=seed, inputs=inputs)
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another report
+    reports.refuse_other_page(output, overwrite=options.overwrite)
     simulated = reports.read_successes(success, stamp)
     notes = reports.incomplete_notes(simulated)
     further = [reports.read_table(path) for path in tables]

@@ -55,6 +55,7 @@ def run(
     joined = {kind: digest_text("".join(each[kind] for each in inputs)) for kind in inputs[0]}
     stamp = _stamp(config, joined)
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another report
+    reports.refuse_other_page(output, overwrite=options.overwrite)
     drop_stale(items, options)
     report = run_batch(STAGE, items, functools.partial(_evaluate_scene, root, config), options)
     report.notes |= _absent_scenes(scenes, root)

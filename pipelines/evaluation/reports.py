@@ -1,18 +1,20 @@
 """`report.json` of `evaluate`, figures by row and split, and `success.json` of `simulate`."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from pipelines.contents import mapping_in, reading, typed
-from pipelines.errors import FormatError
+from pipelines.errors import FormatError, SymgraspError
 from pipelines.evaluation.rows import OURS
 from pipelines.storage.files import finite_json, read_json, write_json
-from pipelines.storage.provenance import Stamp
+from pipelines.storage.provenance import PAGE_HEAD, Stamp, sidecar_of
 
 FORMAT_VERSION = 1
 WITH = "with "  # before a row's name, in the keys of the digests of a stamp
+OUR_PAGE = re.compile(r"<title>(SymGrasp\b|.*GraspNet&#39;s AP)")  # of a report, of a dump
 WHICH_OBJECTS = ("min_visible_pixels", "min_region_share")  # settings of evaluate and of simulate
 
 
@@ -76,6 +78,23 @@ def read_table(path: Path) -> dict[str, Any]:
                 path, f"has {len(row)} cells in a row, {len(table.header)} in the header", expected
             )
     return asdict(table)
+
+
+def refuse_other_page(report: Path, *, overwrite: bool) -> None:
+    """Raise SymgraspError if the page to write next to `report` is there and not a report's.
+
+    A page of `compare`, which has a stamp next to it, is none.
+    """
+    page = report.with_suffix(".html")
+    if overwrite or not page.is_file():
+        return
+    with page.open(encoding="utf-8", errors="replace") as stream:
+        is_ours = OUR_PAGE.search(stream.read(PAGE_HEAD)) and not sidecar_of(page).exists()
+    if not is_ours:
+        raise SymgraspError(
+            f"{page}, which is written too, exists and is no page of a report; choose another "
+            "--out, or pass --overwrite"
+        )
 
 
 def is_success(path: Path) -> bool:

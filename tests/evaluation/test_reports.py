@@ -1,6 +1,7 @@
 """report.json and objects.json."""
 
 import json
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -8,19 +9,20 @@ import pytest
 
 from pipelines.dataset import object_list
 from pipelines.dataset.object_list import ObjectRecord
-from pipelines.errors import FormatError
+from pipelines.errors import FormatError, SymgraspError
 from pipelines.evaluation.reports import (
     incomplete_notes,
     read_report,
     read_success,
     read_successes,
     read_table,
+    refuse_other_page,
     write_report,
 )
 from pipelines.geometry.symmetry import RotationSymmetry
 from pipelines.simulation.success import write_success
 from pipelines.storage.files import write_json
-from pipelines.storage.provenance import is_finished, make_stamp
+from pipelines.storage.provenance import is_finished, make_stamp, stamp_ahead
 
 STAMP = make_stamp("evaluate", {"gripper": "rg2"})
 
@@ -45,6 +47,28 @@ def test_a_file_without_rows_is_refused_as_report(tmp_path: Path) -> None:
     (tmp_path / "report.json").write_text("[]")
     with pytest.raises(FormatError, match="rows"):
         read_report(tmp_path / "report.json")
+
+
+@pytest.mark.parametrize(
+    ("page", "is_ours"),
+    [
+        ("<title>SymGrasp: 3 frames, 5 objects</title>", True),
+        ("<title>dump: GraspNet&#39;s AP, exact</title>", True),
+        ("<title>My notes</title>", False),
+        ("", False),
+    ],
+)
+def test_another_page_next_to_a_report_is_not_replaced(tmp_path, page: str, is_ours: bool) -> None:
+    report, found = tmp_path / "report.json", tmp_path / "report.html"
+    refuse_other_page(report, overwrite=False)
+    found.write_text(page)
+    refuse_other_page(report, overwrite=True)
+    with nullcontext() if is_ours else pytest.raises(SymgraspError, match="no page of a report"):
+        refuse_other_page(report, overwrite=False)
+    stamp_ahead(found, STAMP)  # as `compare` does
+    found.write_text(page)
+    with pytest.raises(SymgraspError, match="no page of a report"):
+        refuse_other_page(report, overwrite=False)
 
 
 INPUTS = {"grasps": "sha256:1", "with planes": "sha256:2"}

@@ -270,7 +270,10 @@ def _slice(group: h5py.Group, names: Iterable[str], start: int, end: int) -> dic
 
 
 def remove_parts(path: Path) -> None:
-    """Remove the parts of the output `path`."""
+    """Remove the parts of the output `path`; a link to a folder on another disk stays."""
     folder = parts_folder(path)
-    if folder.is_dir():
+    if folder.is_symlink():
+        for part in folder.glob("*.h5"):
+            part.unlink()
+    elif folder.is_dir():
         shutil.rmtree(folder)

@@ -112,6 +112,18 @@ def test_parts_are_stamped_and_named_apart(tmp_path: Path) -> None:
         assert (read_stamp(path) or {})["seed"] == 3
 
 
+def test_parts_in_a_linked_folder_are_removed_and_the_link_stays(
+    tmp_path: Path, results: list[FrameResult]
+) -> None:
+    output, far = tmp_path / "g.h5", tmp_path / "far"
+    far.mkdir()
+    grasps_file.parts_folder(output).symlink_to(far)
+    grasps_file.write(grasps_file.part_path(output, "a"), results[:1], STAMP)
+    grasps_file.remove_parts(output)
+    assert grasps_file.parts_folder(output).is_symlink()
+    assert not list(far.iterdir())
+
+
 def test_statuses_messages_and_cameras_are_read_back(
     tmp_path: Path, results: list[FrameResult]
 ) -> None:

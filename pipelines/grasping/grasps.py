@@ -82,7 +82,7 @@ class GraspPoses:
         Only the part of `approach` perpendicular to the contact line counts; without such a part,
         any perpendicular direction is used. Closing points from the first contact to the second.
         """
-        pair = np.asarray(contacts, np.float64)
+        pair = np.asarray(contacts, np.float64)  # they give alpha, beta, t and d of Eq. 1
         line = pair[:, 1] - pair[:, 0]
         closing = unit(line)
         a = np.asarray(approach, np.float64)

@@ -5,11 +5,15 @@ change the step. The weights of the terms are the paper's, except w^f (D. 96). `
 chooses between the terms as printed and balanced terms.
 """
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import torch
 from torch import Tensor
 from torch.nn import functional
 
 from pipelines.configs import TrainConfig
+from pipelines.configs.learning import LossVariant
 from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
 from pipelines.network.dense_error import (
     reflection_errors,
@@ -55,25 +59,24 @@ def total_loss(
     """
     if labelled is None:
         labelled = torch.ones_like(truth.ground)
-    feature, as_printed = prediction.features.new_zeros(()), config.loss == "paper"
-    if pair is not None:
-        feature = (plain_consistency if as_printed else consistency_loss)(*pair)
-    weigh = plain_affordance_loss if as_printed else affordance_loss
-    affordance = weigh(prediction.affordance, truth.affordance, labelled)
-    weight = (plain_weights if as_printed else symmetry_weights)(prediction.affordance)
+    terms = _terms(config.loss)
+    no_pair = prediction.features.new_zeros(())
+    feature = no_pair if pair is None else terms.consistency(*pair)  # L^f
+    affordance = terms.affordance(prediction.affordance, truth.affordance, labelled)  # Eq. 6
+    weight = terms.weights(prediction.affordance)
     matched = match_reflections(
         truth, points, prediction.direction[:, :, :3], prediction.center[:, :, :3], weight
     )
     errors = slot_errors(prediction, matched, points)
     is_right = right_symmetries(errors) if config.existence == "right" else None
 
-    def mean(of_points: Tensor) -> Tensor:  # (B, Q)
+    def mean(of_points: Tensor) -> Tensor:  # (B, Q), weighted by a_j of Eq. 7
         return (weight * of_points).sum(-1) @ labelled / len(labelled)
 
     existence = mean(existence_loss(prediction.existence, matched, is_right))  # Eq. 7, first term
     parameters = mean((errors * matched.existence[:, None]).sum(-1))  # Eq. 7, second term
     symmetry = config.weight_existence * existence + config.weight_parameters * parameters
-    total = (
+    total = (  # L of Sec. III-E
         config.weight_feature * feature
         + config.weight_affordance * affordance
         + config.weight_symmetry * symmetry
@@ -85,6 +88,21 @@ def total_loss(
         "existence": existence,
         "parameters": parameters,
     }
+
+
+class _Terms(NamedTuple):
+    """The terms that a `LossVariant` computes differently."""
+
+    consistency: Callable[[Tensor, Tensor], Tensor]  # L^f
+    affordance: Callable[[Tensor, Tensor, Tensor], Tensor]  # L^a, Eq. 6
+    weights: Callable[[Tensor], Tensor]  # a_j of Eq. 7
+
+
+def _terms(variant: LossVariant) -> _Terms:
+    """Return the terms as printed, or balanced (D. 113)."""
+    if variant == "paper":
+        return _Terms(plain_consistency, plain_affordance_loss, plain_weights)
+    return _Terms(consistency_loss, affordance_loss, symmetry_weights)
 
 
 def consistency_loss(

@@ -118,7 +118,7 @@ class SymmetryGraspNet(nn.Module):
         return PointFeatures(coarse, canonical if self.is_canonical else None)
 
     def _deformation(self, level: int, points: Tensor, features: Tensor) -> Deformation | None:
-        """Return T_i."""
+        """Return T_i (Eq. 3); None without PIFT."""
         if self.pifts is None:
             return None
         found: Deformation = self.pifts[level](points, features)
@@ -127,7 +127,7 @@ class SymmetryGraspNet(nn.Module):
     def _abstract(
         self, level: int, points: Tensor, features: Tensor, deformation: Deformation | None
     ) -> tuple[Tensor, Tensor]:
-        """Return P_{i+1}, axes of P_0, and E_{i+1}."""
+        """Return P_{i+1}, axes of P_0, and E_{i+1} (Eqs. 3 to 5)."""
         abstraction = self.set_abstractions[level]
         if deformation is None:
             sampled, aggregated = abstraction(points, features)

@@ -45,18 +45,18 @@ class Deformation:
         self,
         points: Tensor,  # (B, N, 3)
     ) -> Tensor:
-        """Return the points in the transformed coordinate frame, S R (p - c) + c.  # Eq. 3."""
+        """Return the points in the transformed coordinate frame, S R (p - c) + c (Eq. 3)."""
         center = self.center[:, None]
         turned = (points - center) @ self.rotation.transpose(1, 2)
-        return turned * self.scale[:, None] + center
+        return turned * self.scale[:, None] + center  # Eq. 3
 
     def undo(
         self,
         points: Tensor,  # (B, N, 3)
     ) -> Tensor:
-        """Return deformed points in the frame of P_i, R^T S^-1 (p - c) + c.  # Eq. 5."""
+        """Return deformed points in the frame of P_i, R^T S^-1 (p - c) + c (Eq. 5)."""
         center = self.center[:, None]
-        return ((points - center) / self.scale[:, None]) @ self.rotation + center
+        return ((points - center) / self.scale[:, None]) @ self.rotation + center  # Eq. 5
 
     def undo_normals(
         self,

@@ -62,7 +62,7 @@ class SetAbstraction(nn.Module):
         points: Tensor,  # (B, N, 3)
         features: Tensor,  # (B, N, C)
     ) -> tuple[Tensor, Tensor]:
-        """Return sampled points (B, M, 3) and their features (B, M, dims[2]).  # Eq. 4."""
+        """Return sampled points (B, M, 3) and their features (B, M, dims[2]) (Eq. 4)."""
         centers = gather(points, farthest_points(points, self.num_points))
         points, features = points[:, :: self.stride], features[:, :: self.stride]
         neighbors = nearest_neighbors(centers, points, self.num_neighbors)

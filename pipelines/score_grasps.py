@@ -23,7 +23,7 @@ from pipelines.geometry.meshes.signed_distance import SignedDistanceGrid
 from pipelines.geometry.meshes.winding import turned_outward
 from pipelines.geometry.numerics.single_precision import single_precision_grid
 from pipelines.grasp_files.grasp_rows import read_grasp_rows, write_verdicts
-from pipelines.grasping.grasps import from_graspnet
+from pipelines.grasping.grasps import RowColumn, from_graspnet
 from pipelines.metrics.antipodal import contact_pair_score
 from pipelines.metrics.contacts import close_fingers
 from pipelines.metrics.force_closure import min_friction, on_grid
@@ -79,7 +79,7 @@ def run(
     write_verdicts(output, verdicts, stamp)
     report.done.append(output.name)
     report.notes[output.name] = _summary(verdicts)
-    wider = np.count_nonzero(given.rows[:, 1] > config.clip_width + ROUNDING)
+    wider = np.count_nonzero(given.rows[:, RowColumn.WIDTH] > config.clip_width + ROUNDING)
     if wider:
         report.notes[grasps.name] = CLIPPED.format(count=wider, width=config.clip_width)
     unsure = config.compatible and not with_grid and not mesh.is_watertight
@@ -103,14 +103,14 @@ def score(
     intersections, and collision is tested on triangles.
     """
     clipped = rows.copy()
-    clipped[:, 1] = np.clip(rows[:, 1], 0.0, config.clip_width)
+    clipped[:, RowColumn.WIDTH] = np.clip(rows[:, RowColumn.WIDTH], 0.0, config.clip_width)
     grasps = from_graspnet(clipped)  # translation is between the finger tips
     if config.compatible:
         contacts = close_fingers_on_grid(grid or single_precision_grid(mesh), grasps, grasps.width)
-        collision, empty = cloud_collision(mesh, grasps, rows[:, 3])
+        collision, empty = cloud_collision(mesh, grasps, rows[:, RowColumn.DEPTH])
     else:
         contacts = close_fingers(mesh, grasps, grasps.width)
-        collision, empty = exact_collision(mesh, grasps, rows[:, 3])
+        collision, empty = exact_collision(mesh, grasps, rows[:, RowColumn.DEPTH])
         empty &= ~contacts.found  # samples of a large surface may miss the points of contact
     smallest = min_friction(contacts)
     stepped = on_grid(smallest, config.friction_grid)

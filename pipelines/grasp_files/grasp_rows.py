@@ -13,13 +13,14 @@ from pipelines.array_types import Array, Floats, Mask
 from pipelines.dataset.graspnet.graspnet_labels import RECT_COLUMNS
 from pipelines.errors import FormatError
 from pipelines.geometry.transforms import nearest_orthogonal
+from pipelines.grasping.grasps import RowColumn
 from pipelines.storage.array_files import read_npy, write_npz
 from pipelines.storage.provenance import Stamp, stamp_ahead
 
-COLUMNS = 17
 SAME = 1e-5  # a rotation with all entries this near to an exact rotation is left unchanged
 MAX_SKEW = 1e-3  # largest error of a rotation's entries, as float16 rounds; beyond is no rotation
-LENGTHS = (3, 13, 14, 15)  # columns; without widths, which are limited, and heights, ignored
+# Columns of lengths, without widths, which are limited, and heights, which are ignored.
+LENGTHS = (RowColumn.DEPTH, *range(RowColumn.COUNT)[RowColumn.TRANSLATION])
 FARTHEST = 100.0  # metres; no camera sees a grasp beyond, larger numbers are millimetres
 VERDICT_ARRAYS = (
     "min_friction",
@@ -58,16 +59,17 @@ def read_grasp_rows(
     """
     stored = _numbers(path)
     if max_width is not None:
-        stored[:, 1] = np.clip(stored[:, 1], 0.0, max_width)
+        stored[:, RowColumn.WIDTH] = np.clip(stored[:, RowColumn.WIDTH], 0.0, max_width)
     rows = stored.astype(np.float64)
-    rotation = np.where(np.isfinite(rows[:, 4:13]), rows[:, 4:13], 0.0).reshape(-1, 3, 3)
+    given = rows[:, RowColumn.ROTATION]
+    rotation = np.where(np.isfinite(given), given, 0.0).reshape(-1, 3, 3)
     nearest = nearest_orthogonal(rotation)
     skew = np.abs(nearest - rotation).max(axis=(1, 2))
     wrong = (skew > max_skew) | (np.linalg.det(nearest) < 0.0)
     found = {
         "holds numbers that are not finite": ~np.isfinite(rows).all(axis=1),
         "has no rotation in columns 4 to 12": wrong,
-        "has a negative width": ~(rows[:, 1] >= 0.0),
+        "has a negative width": ~(rows[:, RowColumn.WIDTH] >= 0.0),
         "holds lengths beyond 100 metres": (abs(rows[:, LENGTHS]) > FARTHEST).any(1),
     }
     faults: dict[int, str] = {}
@@ -75,10 +77,10 @@ def read_grasp_rows(
         for row in np.flatnonzero(has_it).tolist():
             faults.setdefault(row, fault)
     rounded = (skew > SAME) & ~wrong
-    rows[rounded, 4:13] = nearest[rounded].reshape(-1, 9)
+    rows[rounded, RowColumn.ROTATION] = nearest[rounded].reshape(-1, 9)
     for row in faults:
         rows[row] = 0.0
-        rows[row, 4:13] = np.eye(3).ravel()
+        rows[row, RowColumn.ROTATION] = np.eye(3).ravel()
     rounded[list(faults)] = False
     return GraspRows(rows, faults, rounded)
 
@@ -86,12 +88,13 @@ def read_grasp_rows(
 def _numbers(path: Path) -> Floats:
     rows = read_npy(path)
     if rows.size == 0 and rows.dtype.kind in "fiu":
-        return np.zeros((0, COLUMNS))
-    if rows.ndim != 2 or rows.shape[1] != COLUMNS or rows.dtype.kind not in "fiu":
+        return np.zeros((0, RowColumn.COUNT))
+    if rows.ndim != 2 or rows.shape[1] != RowColumn.COUNT or rows.dtype.kind not in "fiu":
         found = f"an array of shape {rows.shape} and type {rows.dtype}"
         if rows.ndim == 2 and rows.shape[1] == RECT_COLUMNS:
             found += " (planar grasps in pixels)"
-        raise FormatError(path, found, f"(N, {COLUMNS}) numbers, graspnetAPI's rows, are expected")
+        expected = f"(N, {RowColumn.COUNT}) numbers, graspnetAPI's rows, are expected"
+        raise FormatError(path, found, expected)
     return rows if rows.dtype.kind == "f" else rows.astype(np.float64)
 
 

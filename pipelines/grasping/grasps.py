@@ -38,6 +38,19 @@ CLOSING_ALONG_X = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 CLOSING_ALONG_Y = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
 
 
+class RowColumn:
+    """Columns of graspnetAPI's rows of 17 numbers; lengths in metres."""
+
+    SCORE = 0
+    WIDTH = 1  # the opening
+    HEIGHT = 2
+    DEPTH = 3  # from the origin to the finger tips
+    ROTATION = slice(4, 13)  # row by row
+    TRANSLATION = slice(13, 16)  # the origin, `DEPTH` behind the finger tips
+    OBJECT_ID = 16
+    COUNT = 17
+
+
 @dataclass(frozen=True)
 class GraspPoses:
     """Any number of grasps in one frame.
@@ -166,28 +179,29 @@ def are_rotations(matrices: Array) -> bool:
 
 def to_graspnet(
     grasps: GraspPoses,
-    rank: ArrayLike,
+    score: ArrayLike,
     *,
     depth: float,
+    tip_reach: float,
     opening: ArrayLike | None = None,
-    tip_reach: float = 0.005,
 ) -> Array:
     """Return graspnetAPI's rows (n, 17).
 
     Args:
         grasps: in the camera frame.
-        rank: (n,) confidence, higher is better, the first column in GraspNet.
+        score: (n,) or one number, higher is better, the first column in GraspNet.
         depth: metres from GraspNet's origin to the finger tips.
-        opening: (n,) metres between the open fingers; the contact width if None.
         tip_reach: metres by which the finger tips pass the contact line along approach.
+        opening: (n,) metres between the open fingers; the contact width if None.
     """
-    rows = np.zeros((len(grasps), 17))
-    rows[:, 0] = rank
-    rows[:, 1] = grasps.width if opening is None else opening
-    rows[:, 2], rows[:, 3] = GRASPNET_HEIGHT, depth
-    rows[:, 4:13] = grasps.rotation.reshape(-1, 9)
-    rows[:, 13:16] = grasps.translation + (tip_reach - depth) * grasps.approach
-    rows[:, 16] = -1  # no known object
+    rows = np.zeros((len(grasps), RowColumn.COUNT))
+    rows[:, RowColumn.SCORE] = score
+    rows[:, RowColumn.WIDTH] = grasps.width if opening is None else opening
+    rows[:, RowColumn.HEIGHT], rows[:, RowColumn.DEPTH] = GRASPNET_HEIGHT, depth
+    rows[:, RowColumn.ROTATION] = grasps.rotation.reshape(-1, 9)
+    origin = grasps.translation + (tip_reach - depth) * grasps.approach
+    rows[:, RowColumn.TRANSLATION] = origin
+    rows[:, RowColumn.OBJECT_ID] = -1  # no known object
     return rows
 
 
@@ -197,10 +211,11 @@ def from_graspnet(rows: ArrayLike, *, tip_reach: float = 0.0) -> GraspPoses:
     `width` is then the opening. `tip_reach`: as in `to_graspnet`; with 0, `translation` is between
     the finger tips.
     """
-    rows = np.asarray(rows, np.float64).reshape(-1, 17)
-    rotation = rows[:, 4:13].reshape(-1, 3, 3)
-    forward = (rows[:, 3] - tip_reach)[:, None] * rotation[:, :, 0]
-    return GraspPoses(rotation, rows[:, 13:16] + forward, rows[:, 1])
+    rows = np.asarray(rows, np.float64).reshape(-1, RowColumn.COUNT)
+    rotation = rows[:, RowColumn.ROTATION].reshape(-1, 3, 3)
+    forward = (rows[:, RowColumn.DEPTH] - tip_reach)[:, None] * rotation[:, :, 0]
+    translation = rows[:, RowColumn.TRANSLATION] + forward
+    return GraspPoses(rotation, translation, rows[:, RowColumn.WIDTH])
 
 
 def gripper_poses(grasps: GraspPoses, base_to_contacts: float, axes: Array) -> Array:

@@ -46,7 +46,8 @@ def dumped_rows(frame_id: int, seed: int, noise: float = 1.0) -> Array:
             grasps.append(GraspPoses(best.rotation @ turn, best.translation + shift, best.width))
     every = GraspPoses.concatenate(grasps)
     depth, opening = 0.01 * rng.integers(1, 4, len(every)), every.width + 0.03
-    rows = to_graspnet(every, rng.random(len(every)), opening=opening, depth=0.0)
+    confidence = rng.random(len(every))
+    rows = to_graspnet(every, confidence, opening=opening, depth=0.0, tip_reach=0.005)
     rows[:, 3] = depth
     rows[:, 13:16] -= depth[:, None] * every.approach
     return rows

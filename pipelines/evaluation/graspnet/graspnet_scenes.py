@@ -9,6 +9,7 @@ from pipelines.evaluation.graspnet.dump_verdicts import FrameVerdicts
 from pipelines.evaluation.graspnet.graspnet_truth import SceneTruth
 from pipelines.grasp_files.exports.graspnet_dump import DumpedScene
 from pipelines.grasp_files.grasp_rows import GraspRows, read_grasp_rows
+from pipelines.grasping.grasps import RowColumn
 from pipelines.metrics.graspnet.graspnet_ap import accuracy
 from pipelines.metrics.graspnet.graspnet_frames import score_rows
 
@@ -62,7 +63,7 @@ def _score_frame(
         accuracy(scored.friction),
         row=kept[scored.index],
         object_id=np.array(ids, np.int64)[scored.owner],
-        confidence=given.rows[kept][scored.index, 0],
+        confidence=given.rows[kept][scored.index, RowColumn.SCORE],
         friction=scored.friction,
         reason=scored.reason,
     )

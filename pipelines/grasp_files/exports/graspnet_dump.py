@@ -95,7 +95,7 @@ def shared_place(names: Iterable[str]) -> tuple[str, str] | None:
 
 def write_frame(path: Path, frame: FrameGrasps, _header: ExportHeader) -> None:
     """Write the grasps of a frame to `path`, the result of `frame_file`."""
-    rank, reach = frame.result.grasps.rank_score, frame.gripper.model.tip_reach
+    score, reach = frame.result.grasps.rank_score, frame.gripper.model.tip_reach
     depth = frame.gripper.base_to_contacts + reach  # from the origin to the finger tips
-    rows = to_graspnet(frame.grasps, rank, opening=frame.opening, tip_reach=reach, depth=depth)
+    rows = to_graspnet(frame.grasps, score, opening=frame.opening, tip_reach=reach, depth=depth)
     write_npy(path, rows)

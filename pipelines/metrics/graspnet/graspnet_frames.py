@@ -16,7 +16,7 @@ from pipelines.array_types import Array, Indices, Mask, Singles
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.meshes.signed_distance import SignedDistanceGrid
 from pipelines.geometry.transforms import invert, transform_points
-from pipelines.grasping.grasps import GraspPoses, from_graspnet
+from pipelines.grasping.grasps import GraspPoses, RowColumn, from_graspnet
 from pipelines.metrics.contacts import Contacts, close_fingers
 from pipelines.metrics.force_closure import min_friction, on_grid
 from pipelines.metrics.graspnet.box_collision import MIN_INNER, box_hits, meets_points, table_cloud
@@ -134,16 +134,17 @@ class ExactScene:
 
 def score_rows(rows: Array, scene: GridScene | ExactScene) -> ScoredRows:
     """Return the outcomes of graspnetAPI's `rows` (n, 17), camera frame, metres."""
-    kept = suppress(rows[:, 0], rows[:, 4:13].reshape(-1, 3, 3), rows[:, 13:16])
+    confidence, origin = rows[:, RowColumn.SCORE], rows[:, RowColumn.TRANSLATION]
+    kept = suppress(confidence, rows[:, RowColumn.ROTATION].reshape(-1, 3, 3), origin)
     clouds = scene.clouds()
     if not len(kept) or not clouds:
         none = np.zeros(0, np.int64)
         return ScoredRows(none, none, np.zeros(0), none)
-    owner = _nearest(rows[kept, 13:16], clouds)
-    first = ranked(rows[kept, 0], owner)
+    owner = _nearest(origin[kept], clouds)
+    first = ranked(confidence[kept], owner)
     index, owner = kept[first], owner[first]
     grasps = from_graspnet(rows[index])
-    hit, empty = scene.collisions(grasps, rows[index, 3], owner)
+    hit, empty = scene.collisions(grasps, rows[index, RowColumn.DEPTH], owner)
     friction, touching = np.full(len(index), np.inf), np.zeros(len(index), np.bool_)
     for which in np.unique(owner):
         free = np.flatnonzero((owner == which) & ~hit & ~empty)

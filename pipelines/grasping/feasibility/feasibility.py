@@ -159,7 +159,7 @@ class Feasibility:
             lowest = lowest_height(grasps[kept], swept, scene.plane)
             kept = kept[lowest >= self.config.min_table_distance]
         if self.border is not None:
-            kept = kept[self.border.is_kept(grasps[kept], self.gripper)]
+            kept = kept[self.border.allows(grasps[kept], self.gripper)]
         return kept
 
 

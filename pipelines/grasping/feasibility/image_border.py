@@ -53,7 +53,7 @@ class ImageBorder:
             return None
         return cls(intrinsics, low, high)
 
-    def is_kept(self, grasps: GraspPoses, gripper: Gripper) -> Mask:
+    def allows(self, grasps: GraspPoses, gripper: Gripper) -> Mask:
         """Return a mask (n,) of grasps with both fingers in view on the sides of the cut.
 
         The fingers' outer faces must be in view, at the tips and slightly behind.

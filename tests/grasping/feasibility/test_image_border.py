@@ -103,7 +103,7 @@ def test_a_grasp_is_kept_if_its_fingers_are_in_view(seed):
     rotation = np.stack([random_rotation(rng) for _ in range(20)])
     middle = np.column_stack([rng.uniform(-0.3, 0.3, (20, 2)), rng.uniform(0.02, 0.8, 20)])
     grasps = GraspPoses.unchecked(rotation, middle, rng.uniform(0.01, 0.09, 20))
-    kept = ImageBorder(CAMERA, low, high).is_kept(grasps, GRIPPER)
+    kept = ImageBorder(CAMERA, low, high).allows(grasps, GRIPPER)
     for n in range(20):
         out = 0.5 * grasps.width[n] + GRIPPER.clearance + GRIPPER.finger_thickness
         inside = True

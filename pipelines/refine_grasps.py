@@ -28,8 +28,8 @@ from pipelines.dataset.graspnet.graspnet_labels import (
     LabelledGrasps,
     holding_grasps,
 )
-from pipelines.dataset.made_of import refuse_labels_of_another
 from pipelines.dataset.meshes import read_solid_mesh
+from pipelines.dataset.stale_labels import refuse_labels_of_another
 from pipelines.dataset.symmetry import symmetry_labels
 from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries
 from pipelines.dataset.training import affordance_labels

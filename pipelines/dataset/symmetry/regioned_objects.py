@@ -4,8 +4,8 @@ from functools import lru_cache
 from pathlib import Path
 
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
-from pipelines.dataset.made_of import refuse_labels_of_another
 from pipelines.dataset.meshes import read_mesh
+from pipelines.dataset.stale_labels import refuse_labels_of_another
 from pipelines.dataset.symmetry import symmetry_labels
 from pipelines.dataset.symmetry.regions import check_triangles
 from pipelines.geometry.region_masks import RegionedObject

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
-from pipelines.dataset.made_of import refuse_labels_of_another
+from pipelines.dataset.stale_labels import refuse_labels_of_another
 from pipelines.storage.files import existing
 from pipelines.storage.h5_columns import (
     ColumnTable,

@@ -88,19 +88,21 @@ class FrameChoice:
             each for each in records if self.row in each.rows and each.rows[self.row].verdicts
         ]
         if scored:
-            self.best += self._ranked(scored, -1.0)[:1]
-            self.worst += self._ranked(scored, 1.0)[:1]
+            self.best += self._best_first(scored)[:1]
+            self.worst += self._worst_first(scored)[:1]
 
     def chosen(self, count: int = NUM_FRAMES) -> tuple[list[FrameRecord], list[FrameRecord]]:
         """Return the `count` best and the `count` worst frames, no frame twice."""
-        worst = self._ranked(self.worst, 1.0)[:count]
+        worst = self._worst_first(self.worst)[:count]
         shown = {each.name for each in worst}
-        best = [each for each in self._ranked(self.best, -1.0) if each.name not in shown]
+        best = [each for each in self._best_first(self.best) if each.name not in shown]
         return best[:count], worst
 
-    def _ranked(self, records: list[FrameRecord], sign: float) -> list[FrameRecord]:
-        """Return the worst frames first; with a negative `sign` the best frames first."""
-        return sorted(records, key=lambda each: (sign * mean_quality(each, self.row), each.name))
+    def _best_first(self, records: list[FrameRecord]) -> list[FrameRecord]:
+        return sorted(records, key=lambda each: (-mean_quality(each, self.row), each.name))
+
+    def _worst_first(self, records: list[FrameRecord]) -> list[FrameRecord]:
+        return sorted(records, key=lambda each: (mean_quality(each, self.row), each.name))
 
 
 def mean_quality(record: FrameRecord, row: str) -> float:

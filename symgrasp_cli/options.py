@@ -154,8 +154,6 @@ DepthUnitsPerMetre = Annotated[
         help="Number that depth values are divided by to give metres.",
     ),
 ]
-
-
 GraspsToRead = Annotated[
     Path, typer.Argument(exists=True, dir_okay=False, help="grasps.h5 of `infer`.")
 ]

@@ -22,7 +22,7 @@ class ObjectRecord:
     object_id: int
     name: str
     family: str  # such as "bottle"; the name of the mesh file for a user's own mesh
-    pool: str = ""  # seen, similar or novel
+    pool: str = ""  # of `synthesize`, such as seen; models for a user's own mesh
     symmetries: tuple[Symmetry, ...] = ()  # exact, by construction; canonical frame, metres
     details: Mapping[str, Any] = field(default_factory=dict)  # JSON, such as its parameters
 

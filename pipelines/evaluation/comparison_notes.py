@@ -8,7 +8,7 @@ from pipelines.evaluation.paired_runs import EvaluatedRun
 from pipelines.evaluation.reports import WITH
 from pipelines.evaluation.run_readers import DEFAULT_ROW
 
-JUDGED = {"grasps", "dump"}  # inputs that are evaluated, not labels to evaluate on
+EVALUATED = {"grasps", "dump"}  # inputs that are evaluated, not labels to evaluate on
 # None of these affects our own row; `hands` is the name of the grasp critic's digest in 0.1.
 FOR_BASELINES = ("baselines", "seed", "affordance", "grasp_critic", "hands")
 # Labels that `evaluate --exact` takes from other files, so that their digests differ anyway.
@@ -41,7 +41,7 @@ def setting_notes(runs: Sequence[EvaluatedRun], row: str) -> list[str]:
         if changed:
             notes.append(f"{run.name} was evaluated with other settings: {', '.join(changed)}.")
         other = _differing(labels[0], labels[place])
-        if not JUDGED.intersection(other):
+        if not EVALUATED.intersection(other):
             notes.append(f"{run.name} evaluates the same grasps as {runs[0].name}.")
         if "gripper" in other:
             notes.append(f"{run.name} was evaluated with another gripper.")
@@ -65,7 +65,7 @@ def _scenes(run: EvaluatedRun) -> set[str]:
 
 def _is_label(name: str) -> bool:
     """Return whether an input of an evaluation is its truth, not grasps or a gripper."""
-    return name not in {*JUDGED, "gripper"} and not name.startswith(WITH)
+    return name not in {*EVALUATED, "gripper"} and not name.startswith(WITH)
 
 
 def _provenance(run: EvaluatedRun, row: str) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -38,8 +38,8 @@ CANDIDATE_UNITS = (1000.0, 10000.0, 5000.0, 1.0)  # mm; 0.1 mm; TUM; metres
 NEAREST_SHARE = 0.3  # far background must not hide a table near the camera
 SAMPLE = 20_000  # pixels are enough for a median
 LIKELY_DEPTH = (0.15, 4.0)  # m, of the median of the nearest share
-FARTHEST_DEPTH = 100.0  # m; farther numbers stand for missing depth, as Blender's 1e10
 CLOSEST_DEPTH = 0.05  # m, of the same; a RealSense D405 on a wrist measures from 0.07
+FARTHEST_DEPTH = 100.0  # m; farther numbers stand for missing depth, as Blender's 1e10
 
 
 @dataclass(frozen=True)

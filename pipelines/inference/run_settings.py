@@ -86,7 +86,7 @@ class RunSettings:
 
     @property
     def uses_symmetry_critics(self) -> bool:
-        """Whether symmetries are fitted to the seen surface, and critics judge the fits."""
+        """Whether symmetries are fitted to the seen surface, and critics score the fits."""
         return self.uses_network and self.config.selection.symmetry.is_fitted
 
     @property

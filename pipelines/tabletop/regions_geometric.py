@@ -73,6 +73,7 @@ def geometric_regions(
     step = working_step(depth.shape)
     small = depth[::step, ::step]
     config = replace(config, min_pixels=least_pixels(config.min_pixels, small.shape))
+    # Thinned, not resampled: pixel n is pixel n * step, without the half pixel of `resized`.
     fx, fy, cx, cy = (each / step for each in intrinsics.lens)
     camera = Intrinsics(fx, fy, cx, cy, small.shape[1], small.shape[0])
     xyz = camera.backproject(small)

@@ -2,7 +2,7 @@
 
 A surface of revolution equals its mirror image in every plane through its axis. The plane through
 the axis and the line of sight maps seen surface to seen surface, so the images show whether the
-axis is right. A sphere is judged as an upright axis through its centre. The axis critic, a
+axis is right. A sphere is scored as an upright axis through its centre. The axis critic, a
 `PointCritic`, turns this evidence into a probability.
 """
 

@@ -108,7 +108,7 @@ class GraspTraining:
         figures, losses, weights = RegionFigures(), [], []
         module = folded(self.module)  # the same outputs in less time
         chosen, network = self.val_set.indices, self.config.network
-        judged = replace(self.config, loss="balanced")
+        balanced = replace(self.config, loss="balanced")
         for start in range(0, len(chosen), VALIDATION_BATCH):
             indices = chosen[start : start + VALIDATION_BATCH]
             generators = [np.random.default_rng(int(index)) for index in indices]
@@ -116,7 +116,7 @@ class GraspTraining:
             truth = loaded.to(self.device)
             prediction = module(truth.points, truth.ground, camera=truth.camera)
             points = truth.points[:, :: max(1, network.num_points // NUM_ERROR_POINTS)]
-            terms = total_loss(prediction, truth, None, judged, points)
+            terms = total_loss(prediction, truth, None, balanced, points)
             losses.append(float(terms["total"]))
             if not math.isfinite(losses[-1]):  # the figures need finite predictions
                 return {"loss": math.nan}

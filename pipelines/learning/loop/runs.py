@@ -207,6 +207,6 @@ def steps_done(progress: Progress) -> str:
 def describe(progress: Progress) -> str:
     """Return the number of steps and the figures of the kept weights, in one line."""
     figures = ", ".join(f"{name} {value:.4g}" for name, value in progress.kept.items())
-    judged = f"best on unseen scenes: {figures}" if figures else "no weights are written yet"
+    kept = f"best on unseen scenes: {figures}" if figures else "no weights are written yet"
     state = "finished" if progress.finished else "stopped by its time limit, --resume continues"
-    return f"{steps_done(progress)} in {progress.seconds / 60:.1f} min, {state}; {judged}"
+    return f"{steps_done(progress)} in {progress.seconds / 60:.1f} min, {state}; {kept}"

@@ -104,10 +104,11 @@ class _Pair:
         view = self.xyz[edge].mean(axis=0)
         ahead = unit(view - (view @ up) * up)
         right = cross(ahead, up)
-        (a, b), (c, d) = (
+        spans = [  # from left to right, of outside and of inside
             quantiles(self.xyz[part] @ right, BULK_ENDS) for part in (self.outside, self.inside)
-        )
-        if min(b, d) - max(a, c) < MIN_COMMON * (max(b, d) - min(a, c)):
+        ]
+        starts, ends = np.transpose(spans)
+        if ends.min() - starts.max() < MIN_COMMON * (ends.max() - starts.min()):
             return False
         along, across = self.xyz[edge] @ ahead, self.xyz[edge] @ right
         _, strip = np.unique(np.floor(across / STRIP), return_inverse=True)

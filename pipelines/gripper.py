@@ -22,6 +22,8 @@ from pipelines.storage.images import encode_image, write_image
 from pipelines.storage.provenance import refuse_other_suffix
 
 STAGE = "gripper"
+# Metres; shorter fingers and narrower grippers are more likely errors of a unit.
+USUAL_FINGER, USUAL_WIDTH = 0.01, 0.02
 
 
 @one_run_at_a_time(STAGE, "output", "picture")
@@ -107,9 +109,9 @@ def oddities_of(gripper: Gripper) -> list[str]:
         odd.append("fingers and palm together are longer than flange_to_tip")
     if gripper.tip_reach >= gripper.finger_length:
         odd.append("tip_reach is longer than the fingers")
-    if gripper.finger_length < 0.01:
+    if gripper.finger_length < USUAL_FINGER:
         odd.append("the fingers are shorter than 1 cm")
-    if gripper.max_width < 0.02:
+    if gripper.max_width < USUAL_WIDTH:
         odd.append(f"contacts are at most {1000 * gripper.max_width:.1f} mm apart")
     zero = [f.name for f in fields(Gripper)[1:] if getattr(gripper, f.name) == 0.0]
     odd += [f"{name} is 0" for name in zero if name not in ("tip_reach", "clearance")]

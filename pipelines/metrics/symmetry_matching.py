@@ -28,6 +28,8 @@ CORRECT, WRONG, IGNORED = 1, 0, -1
 # Planes within these limits are one: a plane that follows from the list may be listed itself.
 SAME_PLANE_COSINE = float(np.cos(np.radians(5.0)))
 SAME_PLANE_OFFSET = 0.004  # metres, at the axis
+IN_PLANE = 0.1  # cosine between axis and normal below which the axis lies in the plane
+LEAST_ACROSS = 0.5  # sine between normal and axis from which a plane can pass through the axis
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,7 @@ def implied_symmetries(predicted: Symmetry, listed: Sequence[Symmetry]) -> list[
                 implied.append(replace(predicted, point=truth.point))
             case ReflectionSymmetry(), RotationSymmetry(order=None):
                 across = predicted.normal - (predicted.normal @ truth.axis) * truth.axis
-                if np.linalg.norm(across) > 0.5:
+                if np.linalg.norm(across) > LEAST_ACROSS:
                     implied.append(ReflectionSymmetry(unit(across), truth.point))
             case ReflectionSymmetry(), RotationSymmetry():
                 implied += _turned_planes(listed, truth)
@@ -119,7 +121,7 @@ def _turned_planes(
     through = [
         plane
         for plane in listed
-        if isinstance(plane, ReflectionSymmetry) and abs(plane.normal @ rotation.axis) < 0.1
+        if isinstance(plane, ReflectionSymmetry) and abs(plane.normal @ rotation.axis) < IN_PLANE
     ]
     turned = [
         _turned(plane, rotation, np.pi * k / order) for plane in through for k in range(1, order)

@@ -21,6 +21,7 @@ from pipelines.network.region_batch import RegionBatch
 # Cosine below which two directions count as perpendicular; they count as parallel if it is within
 # the square of this number of 1, at up to 2.4 degrees.
 ALIGNMENT = 0.03
+LEAST_CROSS = 0.1  # length of a cross product of unit vectors; shorter ones have no sure direction
 
 Generators = Sequence[np.random.Generator]  # one per region
 
@@ -74,7 +75,7 @@ def principal_directions(batch: RegionBatch, generators: Generators) -> tuple[Te
     all: then the second result (B,) is false.
     """
     directions = batch.direction[:, :SPHERE_SLOT]  # (B, 4, 3)
-    exists = batch.existence[:, :SPHERE_SLOT] > 0
+    exists = batch.existence[:, :SPHERE_SLOT] > 0  # (B, 4)
     random = functional.normalize(_normal(generators, 3), dim=-1)
     first = directions.gather(
         1, exists.float().argmax(1)[:, None, None].expand(-1, 1, 3)
@@ -87,12 +88,13 @@ def principal_directions(batch: RegionBatch, generators: Generators) -> tuple[Te
         ],
         1,
     )
-    length = candidates.norm(dim=-1, keepdim=True)
+    length = candidates.norm(dim=-1, keepdim=True)  # (B, candidate, 1)
     candidates = candidates / length.clamp(min=1e-6)
     cosine = (candidates @ directions.transpose(1, 2)).abs()  # (B, candidate, slot)
     keeps = (cosine < ALIGNMENT) | (cosine > 1.0 - ALIGNMENT**2)
     keeps[..., ROTATION_SLOT] = cosine[..., ROTATION_SLOT] > 1.0 - ALIGNMENT**2
-    valid = (keeps | ~exists[:, None]).all(-1) & (length[..., 0] > 0.1) & exists.any(-1)[:, None]
+    valid = (keeps | ~exists[:, None]).all(-1) & (length[..., 0] > LEAST_CROSS)
+    valid &= exists.any(-1)[:, None]
     # A valid candidate, drawn by its number among the valid ones; any if none is valid.
     number = (_uniform(generators, 1) * valid.sum(1, keepdim=True)).floor()
     chosen = ((valid.cumsum(1) > number) & valid).float().argmax(1)

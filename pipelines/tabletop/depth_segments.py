@@ -23,6 +23,8 @@ Axes = tuple[Singles, Singles, Singles]
 USUAL_FOCAL = 525.0  # pixels; normals of a coarser image are fitted to fewer pixels
 BULK_ENDS = (0.02, 0.98)  # quantiles of points along a direction, without outliers
 GAP = 4  # pixels from one pixel of a surface to the next, if those between lack depth
+GAP_SLACK = 0.25  # share by which the allowed step grows with each pixel of the gap
+NEAREST_STEP = 0.5  # metres; nearer surfaces are allowed the step of this depth
 FINER = 0.5  # factor of the thresholds of fold and step when too large a piece is cut again
 
 
@@ -112,7 +114,7 @@ def connected(xyz: Array, mask: Mask, config: RegionConfig) -> Labels:
     A surface has no step in depth. It continues along rows and columns to pixels up to `GAP` apart
     without depth between. Surfaces are numbered row by row. `xyz`: as in `inward_fold`.
     """
-    steps = config.depth_step * (1.0 + 0.25 * np.arange(GAP + 1, dtype=np.float32))
+    steps = config.depth_step * (1.0 + GAP_SLACK * np.arange(GAP + 1, dtype=np.float32))
     return _joined(xyz[..., 2].astype(np.float32), np.ascontiguousarray(mask), steps)
 
 
@@ -257,7 +259,7 @@ def _before(z: Singles, inside: Mask, steps: Singles, at: tuple[int, int], along
     for span in range(1, min(len(steps), room + 1)):
         other = pixel - span * along
         if inside[other]:
-            step = steps[span] * max(z[other], np.float32(0.5))
+            step = steps[span] * max(z[other], np.float32(NEAREST_STEP))
             return other if abs(z[pixel] - z[other]) < step else -1
         if z[other] > 0:
             return -1

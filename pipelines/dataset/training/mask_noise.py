@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from pipelines.array_types import Mask
 from pipelines.tabletop.regions.pieces import box_of, with_margin
 
+SMALLEST = 0.3  # of a largest radius: least radius that is drawn
+
 
 @dataclass(frozen=True)
 class MaskNoise:
@@ -61,7 +63,7 @@ def _blotted(mask: NDArray[np.uint8], reach: float, rng: np.random.Generator) ->
         return mask
     at = int(pick * len(rows))
     blotted = mask.copy()
-    radius = round(rng.uniform(0.3, 1.0) * reach)
+    radius = round(rng.uniform(SMALLEST, 1.0) * reach)
     cv2.circle(blotted, (int(columns[at]), int(rows[at])), radius, fill, cv2.FILLED)
     return blotted
 
@@ -86,7 +88,7 @@ class MaskFaults:
         """Return `mask` (H, W) changed at random; `others`: (H, W) pixels of all neighbours."""
         drawn = rng.uniform(size=2)
         if drawn[0] < self.leak:
-            mask = leaked(mask, others & ~mask, self.reach * rng.uniform(0.3, 1.0), rng)
+            mask = leaked(mask, others & ~mask, self.reach * rng.uniform(SMALLEST, 1.0), rng)
         if drawn[1] < self.cut:
             mask = truncated(mask, rng.uniform(0.1, self.loss), rng)
         return mask

@@ -12,7 +12,13 @@ import numpy as np
 from pipelines.array_types import Array
 from pipelines.geometry.directions import sphere_directions
 from pipelines.geometry.symmetry import RotationSymmetry, SphereSymmetry
-from pipelines.geometry.symmetry_icp.surface import FreeSpace, SeenSurface, largest_gaps, ramp
+from pipelines.geometry.symmetry_icp.surface import (
+    OCCLUSION_POWER,
+    FreeSpace,
+    SeenSurface,
+    largest_gaps,
+    ramp,
+)
 from pipelines.geometry.transforms import basis_from_direction, unit
 
 THINNING = 0.005  # metres
@@ -49,7 +55,7 @@ class BodyFit:
     @property
     def confidence(self) -> float:
         """Order for average precision; the published method only filters."""
-        return (1.0 - self.error) * (1.0 - self.occlusion) ** 10 * self.coverage
+        return (1.0 - self.error) * (1.0 - self.occlusion) ** OCCLUSION_POWER * self.coverage
 
 
 def smooth_part(surface: SeenSurface) -> SeenSurface:

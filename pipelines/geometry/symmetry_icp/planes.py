@@ -12,14 +12,14 @@ from scipy.spatial import cKDTree
 from pipelines.array_types import Array, Indices
 from pipelines.geometry.numerics.strides import strided_at_least
 from pipelines.geometry.symmetry import ReflectionSymmetry
-from pipelines.geometry.symmetry_icp.surface import FreeSpace, SeenSurface, ramp
+from pipelines.geometry.symmetry_icp.surface import OCCLUSION_POWER, FreeSpace, SeenSurface, ramp
 from pipelines.geometry.transforms import basis_from_direction, unit
 
 DIVISIONS = 5  # of the half circle, along the equator of the starts and above the equator
 VOXEL_SHARE, MIN_VOXEL = 0.016, 0.002  # of the region's diagonal; metres
 MAX_QUERIES = 500  # points mirrored onto all points in a round; added here, for speed
 SHIFTS = 2  # added here, at the refined normal: planes slide on flat faces
-ROUNDS = 20
+ROUNDS, STEPS = 20, 3  # of closest points; of Levenberg-Marquardt in each round
 MIN_PAIRS = 4  # fewer pairs determine no plane; chosen by eye
 MIN_APART = 4  # voxels between a point and its counterpart
 MAX_PAIR_COSINE = np.cos(np.radians(45.0))  # of the normals of a pair
@@ -55,7 +55,7 @@ class PlaneFit:
     @property
     def confidence(self) -> float:
         """Order of planes for average precision; the published method only filters."""
-        return self.cloud * self.pairs * (1.0 - self.occlusion) ** 10
+        return self.cloud * self.pairs * (1.0 - self.occlusion) ** OCCLUSION_POWER
 
     @property
     def is_accepted(self) -> bool:
@@ -163,7 +163,7 @@ class _PlaneSearch:
         """Return normal and offset after Levenberg-Marquardt steps for the given pairs."""
         q, p = (self.surface.points[each] - self.mean for each in (moved, met))
         n_q = self.surface.normals[moved]
-        for _ in range(3):
+        for _ in range(STEPS):
             basis = basis_from_direction(normal)[:, 1:]
             r, gradient = _residuals(q, p, n_q, normal, offset)
             jacobian = np.column_stack([gradient @ basis, 2 * n_q @ normal])

@@ -19,6 +19,8 @@ MIN_FREE, MAX_FREE = 0.01, 0.03  # metres from the nearest obstacle: not, and fu
 RIM = 0.01  # metres from the cloud's edge within which points are left out
 RIM_NEIGHBORS = 20
 RIM_GAP = np.pi / 2  # angle without a neighbour at a point of the edge
+MIN_MEAN_NORMAL = 0.1  # length of a mean normal; two sides of a sheet have no common one
+OCCLUSION_POWER = 10  # of the free share in the confidence of a fit; added here
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class SeenSurface:
             np.stack([np.bincount(place, axis) for axis in each.T], axis=1) / count
             for each in (self.points, self.normals)
         )
-        sound = np.linalg.norm(normals, axis=1) > 0.1  # two sides of a sheet have no common normal
+        sound = np.linalg.norm(normals, axis=1) > MIN_MEAN_NORMAL
         return SeenSurface(points[sound], unit(normals[sound]))
 
     def without_rim(self) -> "SeenSurface":

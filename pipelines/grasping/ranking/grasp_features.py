@@ -26,6 +26,7 @@ from pipelines.grasping.scene import RegionCloud
 NUM_POINTS = 64  # points around a grasp
 APPROACH_STRETCH = 1.5  # points may be farther by this factor along the approach than across
 FARTHEST, DEEPEST = 0.15, 0.05  # metres, caps of coordinates, and of distances beyond a contact
+LENGTH_SCALE, BEYOND_SCALE = 20.0, 50.0  # per metre, as the comments of the columns say
 FINGER_BAND, BEHIND, BEYOND, BESIDE = 0.011, -0.04, 0.03, 0.01  # metres, space between the fingers
 
 
@@ -207,9 +208,9 @@ def _nearest_rows(
         half: (k,) metres from the midpoint of the contacts to a contact.
         away: (k, m) metres from the space between the contacts.
         reach: (k,) distance of the last of these points.
-        about: (m, 7) normal, kind (3) and scaled height of the points.
+        about: (m, 7) normal (3), kind (3) and scaled height of the points.
     """
-    far, deep = np.float32(FARTHEST), np.float32(DEEPEST)
+    far, deep, scale = np.float32(FARTHEST), np.float32(DEEPEST), np.float32(LENGTH_SCALE)
     rows = np.empty((len(reach), NUM_POINTS, POINT_COLUMNS), np.float32)
     for k in range(len(reach)):
         left = NUM_POINTS  # for the points at `reach`; some may be omitted
@@ -222,15 +223,15 @@ def _nearest_rows(
             left -= away[k, m] == reach[k]
             for axis in range(3):
                 place = min(max(local[k, axis, m], -far), far)
-                rows[k, count, GraspPointFeature.ALONG_APPROACH + axis] = np.float32(20.0) * place
+                rows[k, count, GraspPointFeature.ALONG_APPROACH + axis] = scale * place
                 rows[k, count, GraspPointFeature.NORMAL_APPROACH + axis] = (
                     about[m, 0] * rotation[k, 0, axis]
                     + about[m, 1] * rotation[k, 1, axis]
                     + about[m, 2] * rotation[k, 2, axis]
                 )
             beyond = min(max(abs(local[k, 1, m]) - half[k], -deep), deep)
-            rows[k, count, GraspPointFeature.BEYOND_CONTACT] = np.float32(50.0) * beyond
-            for column in range(3, 7):
+            rows[k, count, GraspPointFeature.BEYOND_CONTACT] = np.float32(BEYOND_SCALE) * beyond
+            for column in range(3, 7):  # kind and height follow the normal
                 rows[k, count, GraspPointFeature.IS_MEASURED + column - 3] = about[m, column]
             count += 1
         for n in range(count, NUM_POINTS):
@@ -250,4 +251,5 @@ def _extent(grasps: GraspPoses, region: RegionCloud) -> Array:
     R = grasps.rotation
     spread = np.sqrt(np.maximum((R * (off.T @ off / len(off) @ R)).sum(axis=1), 0.0))
     offset = np.einsum("kia,ki->ka", R, region.middle - grasps.translation)
-    return np.column_stack([20.0 * np.einsum("kia,i->ka", R, mean), 20.0 * spread, 20.0 * offset])
+    turned = np.einsum("kia,i->ka", R, mean)
+    return np.column_stack([LENGTH_SCALE * each for each in (turned, spread, offset)])

@@ -27,6 +27,7 @@ SAME_FIT = np.radians(2.0), 0.001  # radians, metres
 # Of two planes at a smaller angle, one is wrong or follows from the other: no two planes of a
 # bounded body are parallel; listed planes are at right angles, or at 60 degrees in a prism.
 RIVALS = np.radians(50.0)
+LEAST_TOP = 0.01  # metres; `off_halfway` of a lower region is in this unit
 
 FEATURES = (
     "on_surface",  # share of the mirror images on the seen surface
@@ -118,5 +119,5 @@ def _against_table(
     tilt = np.abs(normal @ table.normal)
     top = region_top(region.points, table)
     height = table.height(np.array([plane.point for plane in planes]))
-    off = np.abs(height - top / 2.0) / max(top, 0.01)
+    off = np.abs(height - top / 2.0) / max(top, LEAST_TOP)
     return tilt, np.where(tilt > LEVEL, np.minimum(off, 1.0), 0.0)

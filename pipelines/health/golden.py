@@ -84,7 +84,7 @@ def golden_result(frame_name: str, device: str = "cpu") -> FrameResult:
     """
     found = [source for source in find_frames(FRAMES) if source.name == frame_name]
     if not found:
-        raise SymgraspError(f"{FRAMES / frame_name} does not exist; install SymGrasp again")
+        raise SymgraspError(f"{FRAMES / frame_name} does not exist; install symgrasp again")
     config = InferConfig()
     with models.one_thread_each():
         planner = Planner(

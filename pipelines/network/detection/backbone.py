@@ -41,7 +41,8 @@ class ResidualStream(nn.Module):
         stages = []
         for i, blocks in enumerate(BLOCKS):
             dims = [widths[i], *[widths[i + 1]] * blocks]
-            layers = [ResidualBlock(dims[j], dims[j + 1], 2 - min(j, 1)) for j in range(blocks)]
+            strides = [2] + [1] * (blocks - 1)  # a stage's first block halves the map
+            layers = map(ResidualBlock, dims[:-1], dims[1:], strides)
             stages.append(nn.Sequential(*layers))
         self.stages = nn.ModuleList(stages)
 

@@ -30,6 +30,8 @@ LIGHT_WIDTH = 64  # channels of the light variant's pyramid and mask head
 LIGHT_HIDDEN = 256  # channels of the light variant's box head
 ANCHOR_SIZES = ((16,), (32,), (64,), (128,), (192,))  # pixels at the network's input
 ASPECT_RATIOS = (0.5, 1.0, 2.0)
+POOLED_MAPS = ["0", "1", "2", "3"]  # of the light variant's pyramid, at strides 4 to 32
+BOX_SIDE, MASK_SIDE = 7, 14  # cells of a box that is pooled for its class, and for its mask
 
 
 class PreparedImages(GeneralizedRCNNTransform):  # type: ignore[misc] # untyped library
@@ -144,20 +146,19 @@ def _light(in_channels: int, config: DetectorConfig) -> MaskRCNN:
         if config.input == "both"
         else LightBackbone(in_channels, LIGHT_WIDTH)
     )
-    names = ["0", "1", "2", "3"]
     return MaskRCNN(
         backbone,
-        rpn_anchor_generator=AnchorGenerator(ANCHOR_SIZES, (ASPECT_RATIOS,) * len(ANCHOR_SIZES)),
+        rpn_anchor_generator=light_anchors(),
         rpn_pre_nms_top_n_train=500,
         rpn_pre_nms_top_n_test=200,
         rpn_post_nms_top_n_train=200,
         rpn_post_nms_top_n_test=60,
         rpn_batch_size_per_image=128,
-        box_roi_pool=MultiScaleRoIAlign(names, output_size=7, sampling_ratio=2),
-        box_head=light_box_head(LIGHT_WIDTH * 7 * 7, LIGHT_HIDDEN),
+        box_roi_pool=light_pool(BOX_SIDE),
+        box_head=light_box_head(),
         box_predictor=FastRCNNPredictor(LIGHT_HIDDEN, NUM_CLASSES),
         box_batch_size_per_image=96,
-        mask_roi_pool=MultiScaleRoIAlign(names, output_size=14, sampling_ratio=2),
+        mask_roi_pool=light_pool(MASK_SIDE),
         mask_head=MaskRCNNHeads(LIGHT_WIDTH, (LIGHT_WIDTH,) * 3, 1),
         mask_predictor=nn.Sequential(
             nn.ConvTranspose2d(LIGHT_WIDTH, LIGHT_WIDTH, 2, 2),
@@ -168,9 +169,20 @@ def _light(in_channels: int, config: DetectorConfig) -> MaskRCNN:
     )
 
 
-def light_box_head(in_dim: int, hidden: int) -> nn.Sequential:
-    """Return the layers of pooled boxes, `in_dim` numbers to `hidden`."""
-    first, second = nn.Linear(in_dim, hidden), nn.Linear(hidden, hidden)
+def light_anchors() -> AnchorGenerator:
+    """Return the anchors on the pyramid of a `LightBackbone`, one size for each map."""
+    return AnchorGenerator(ANCHOR_SIZES, (ASPECT_RATIOS,) * len(ANCHOR_SIZES))
+
+
+def light_pool(side: int) -> MultiScaleRoIAlign:
+    """Return the layer that pools boxes of that pyramid to `side` x `side` cells."""
+    return MultiScaleRoIAlign(POOLED_MAPS, output_size=side, sampling_ratio=2)
+
+
+def light_box_head() -> nn.Sequential:
+    """Return the layers from pooled boxes to `LIGHT_HIDDEN` numbers each."""
+    first = nn.Linear(LIGHT_WIDTH * BOX_SIDE**2, LIGHT_HIDDEN)
+    second = nn.Linear(LIGHT_HIDDEN, LIGHT_HIDDEN)
     return nn.Sequential(nn.Flatten(1), first, nn.ReLU(), second, nn.ReLU())
 
 

@@ -17,12 +17,14 @@ from torchvision.ops import MultiScaleRoIAlign
 from pipelines.configs.peers import PeerNetworkConfig
 from pipelines.network.detection.backbone import LightBackbone
 from pipelines.network.detection.mask_rcnn import (
-    ANCHOR_SIZES,
     ASPECT_RATIOS,
+    BOX_SIDE,
     LIGHT_HIDDEN,
     LIGHT_WIDTH,
     adapt,
+    light_anchors,
     light_box_head,
+    light_pool,
 )
 
 ORIENTATIONS = 20  # outputs: no grasp, and 19 orientations; the last equals the first
@@ -42,17 +44,16 @@ def build_multi_grasp(config: PeerNetworkConfig) -> FasterRCNN:
 
 
 def _light() -> FasterRCNN:
-    names = ["0", "1", "2", "3"]
     return FasterRCNN(
         LightBackbone(RGD, LIGHT_WIDTH),
-        rpn_anchor_generator=AnchorGenerator(ANCHOR_SIZES, (ASPECT_RATIOS,) * len(ANCHOR_SIZES)),
+        rpn_anchor_generator=light_anchors(),
         rpn_pre_nms_top_n_train=1000,
         rpn_pre_nms_top_n_test=1000,
         rpn_post_nms_top_n_train=400,
         rpn_post_nms_top_n_test=300,
         rpn_batch_size_per_image=128,
-        box_roi_pool=MultiScaleRoIAlign(names, output_size=7, sampling_ratio=2),
-        box_head=light_box_head(LIGHT_WIDTH * 7 * 7, LIGHT_HIDDEN),
+        box_roi_pool=light_pool(BOX_SIDE),
+        box_head=light_box_head(),
         box_predictor=FastRCNNPredictor(LIGHT_HIDDEN, ORIENTATIONS),
         box_batch_size_per_image=96,
         box_score_thresh=MIN_SCORE,
@@ -73,7 +74,7 @@ def _full() -> FasterRCNN:
         rpn_pre_nms_top_n_test=6000,
         rpn_post_nms_top_n_train=2000,
         rpn_post_nms_top_n_test=300,
-        box_roi_pool=MultiScaleRoIAlign(["0"], output_size=7, sampling_ratio=2),
+        box_roi_pool=MultiScaleRoIAlign(["0"], output_size=BOX_SIDE, sampling_ratio=2),
         box_head=nn.Sequential(last, nn.AdaptiveAvgPool2d(1), nn.Flatten(1)),
         box_predictor=FastRCNNPredictor(2048, ORIENTATIONS),
         box_batch_size_per_image=256,

@@ -8,11 +8,12 @@ from pipelines.errors import UnknownNameError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import make_pose, rotation_about, unit
 
-# GraspNet-1Billion's cameras at 1280 x 720: fx, fy, cx, cy in pixels.
+# GraspNet-1Billion's cameras: fx, fy, cx, cy in pixels.
 LENSES = {
     "kinect": (631.54864502, 631.20751953, 638.43517329, 366.49904066),
     "realsense": (927.16973877, 927.36688232, 651.31506348, 349.62133789),
 }
+LENS_WIDTH, LENS_HEIGHT = 1280, 720  # pixels, of the images of these lenses
 MIXED = "mixed"  # each scene draws kinect or realsense
 ELEVATIONS = (np.radians(32.0), np.radians(75.0))
 DISTANCES = (0.45, 0.9)  # metres; the near end for the long lens
@@ -29,10 +30,9 @@ def camera_folder(sensor: str) -> str:
 def sensor_intrinsics(sensor: str, width: int, height: int) -> Intrinsics:
     """Return the intrinsics of `sensor` at another size; the horizontal field of view stays."""
     fx, fy, cx, cy = LENSES[camera_folder(sensor)]
-    scale = width / 1280
-    return Intrinsics(
-        fx * scale, fy * scale, cx * scale, (cy - 360) * scale + height / 2, width, height
-    )
+    scale = width / LENS_WIDTH
+    middle = (cy - LENS_HEIGHT / 2) * scale + height / 2
+    return Intrinsics(fx * scale, fy * scale, cx * scale, middle, width, height)
 
 
 def direction_at(azimuth: float, elevation: float) -> Array:

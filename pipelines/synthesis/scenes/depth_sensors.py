@@ -36,7 +36,11 @@ SENSORS = {
     "kinect": DepthSensor(0.075, (0.0012, 0.0019), 0.0, 0.6, 8.0, 0.6, 0.17, 1.0, 0),
     "realsense": DepthSensor(0.050, (0.0006, 0.0016), 2.5, 0.4, 32.0, 0.3, 0.12, 3.0, 1),
 }
-DEPTH_EDGE = 0.02  # metres between neighbouring pixels at an edge
+DEPTH_EDGE = 0.02  # metres between neighbouring pixels at an edge; `_edges` scales it by the depth
+NEAREST_EDGE = 0.5  # metres; nearer surfaces count as at this depth
+CONSTANT_NOISE = 0.4  # metres, up to which the axial noise is constant
+WOBBLE = 3.0  # pixels, of the border of a grown surface
+LARGEST_HOLE = 60  # half axes of a hole are shorter than the image's width over this
 NOTHING = 1e3  # metres; depth of pixels without a surface
 
 
@@ -86,7 +90,7 @@ def _grown_foreground(depth: Array, pixels: int, rng: np.random.Generator) -> Ar
     far = np.where(depth > 0, depth, NOTHING)
     kernel = np.ones((2 * pixels + 1, 2 * pixels + 1), np.uint8)
     near = np.minimum(cv2.erode(far, kernel), far)
-    wobble = cv2.GaussianBlur(rng.normal(size=depth.shape), (0, 0), 3.0)
+    wobble = cv2.GaussianBlur(rng.normal(size=depth.shape), (0, 0), WOBBLE)
     grown = (wobble > 0) & (near < NOTHING) & (far - near > DEPTH_EDGE)
     return np.where(grown, near, depth)
 
@@ -95,7 +99,7 @@ def _edges(depth: Array) -> Mask:
     """Return the mask (H, W) of pixels within one pixel of a jump in depth."""
     kernel = np.ones((3, 3), np.uint8)
     span = cv2.dilate(depth, kernel) - cv2.erode(depth, kernel)
-    return np.asarray(span > DEPTH_EDGE * np.maximum(depth, 0.5))
+    return np.asarray(span > DEPTH_EDGE * np.maximum(depth, NEAREST_EDGE))
 
 
 def _jittered(depth: Array, sigma: float, rng: np.random.Generator) -> Array:
@@ -115,7 +119,8 @@ def _axial_noise(depth: Array, sensor: DepthSensor, rng: np.random.Generator) ->
     if sensor.smoothness:
         noise = np.asarray(cv2.GaussianBlur(noise, (0, 0), sensor.smoothness), np.float64)
         noise /= noise.std()
-    return np.asarray((constant + quadratic * np.maximum(depth - 0.4, 0.0) ** 2) * noise)
+    beyond = np.maximum(depth - CONSTANT_NOISE, 0.0)
+    return np.asarray((constant + quadratic * beyond**2) * noise)
 
 
 def _cosine(hits: Hits, intrinsics: Intrinsics) -> Array:
@@ -130,7 +135,7 @@ def _holes(shape: tuple[int, ...], sensor: DepthSensor, rng: np.random.Generator
     blots = np.zeros(shape, np.uint8)
     for _ in range(rng.poisson(sensor.holes)):
         center = (int(rng.integers(shape[1])), int(rng.integers(shape[0])))
-        axes = tuple(int(x) for x in rng.integers(1, max(3, shape[1] // 60), 2))
+        axes = tuple(int(x) for x in rng.integers(1, max(3, shape[1] // LARGEST_HOLE), 2))
         cv2.ellipse(blots, center, axes, float(rng.uniform(0, 180)), 0, 360, 1, -1)
     return blots > 0
 

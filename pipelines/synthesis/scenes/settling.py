@@ -19,6 +19,10 @@ SETTLE_STEP = 0.003  # seconds
 DENSITY = 400.0  # kg / m^3, a half-full household object
 FRICTION = [0.9, 0.02, 0.005]  # of objects with the table and each other
 FOUNDATION = 0.1  # metres below the table to which the floor of a container reaches for a drop
+ROOM, GAP = 0.6, 0.02  # between dropped objects: of the radius of the upper one; metres
+UPRIGHT = 0.5  # share of the objects that are dropped upright, as people place them
+DAMPING = 2e-4  # of all motions, N s / m and N m s
+LOWEST = -0.02  # metres; the middle of an object that fell off the table is below
 MAX_SPEED = 0.15  # metres or radians per second of a settled object
 
 
@@ -53,7 +57,7 @@ def drop_objects(
         spokes = (part.vertices - middles[body] for part in parts)
         radius = max(float(np.linalg.norm(spoke, axis=1).max()) for spoke in spokes)
         at = container.place(radius, rng) if container else _place(spread, rng)
-        height += 0.6 * radius + 0.02
+        height += ROOM * radius + GAP
         place = [*at, height + radius]
         turn = _drawn_orientation(rng)
         origin = np.array(place) - quaternion_to_matrix(turn) @ middles[body]
@@ -64,7 +68,7 @@ def drop_objects(
     poses = make_pose(quaternion_to_matrix(places[:, 3:]), places[:, :3])
     rest = middles_of(poses, middles)
     speed = np.abs(data.qvel.reshape(-1, 6)).max(axis=1)
-    on_table = (np.linalg.norm(rest[:, :2], axis=1) < TABLE_RADIUS) & (rest[:, 2] > -0.02)
+    on_table = (np.linalg.norm(rest[:, :2], axis=1) < TABLE_RADIUS) & (rest[:, 2] > LOWEST)
     kept = container.holds(rest) if container else on_table
     index = np.flatnonzero(kept & (speed < MAX_SPEED))
     return SettledScene(index, poses[index])
@@ -102,8 +106,8 @@ def compiled_world(spec: mujoco.MjSpec) -> mujoco.MjModel:
 
 
 def _drawn_orientation(rng: np.random.Generator) -> Array:
-    """Return a random quaternion, w first, upright half of the time, as people place objects."""
-    if rng.uniform() < 0.5:
+    """Return a random quaternion, w first, in a share `UPRIGHT` of the draws about z alone."""
+    if rng.uniform() < UPRIGHT:
         half = rng.uniform(0, np.pi)
         return np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
     return rng.normal(size=4)
@@ -147,5 +151,5 @@ def _model_of(pieces: Sequence[Sequence[Mesh]], fixed: Sequence[Mesh] = ()) -> m
             geom = add_convex(spec, body, f"mesh{number}_{part_number}", part)
             geom.density, geom.friction, geom.condim = DENSITY, FRICTION, 6
     model = compiled_world(spec)
-    model.dof_damping[:] = 2e-4
+    model.dof_damping[:] = DAMPING
     return model

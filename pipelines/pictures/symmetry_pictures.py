@@ -25,6 +25,7 @@ from pipelines.geometry.symmetry import (
 )
 from pipelines.geometry.transforms import invert, transform_points
 from pipelines.geometry.viewpoints import camera, oblique_view, symmetry_view
+from pipelines.pictures.frame_canvas import FIXED_BITS
 from pipelines.pictures.lettering import write_with_halo
 from pipelines.pictures.palette import Color, ColorImage
 
@@ -46,6 +47,7 @@ SHEET_OPACITY = 0.26
 HIDDEN_OPACITY = 0.25  # of lines behind the object
 OVERHANG = 1.14  # of a sheet or an axis over the object's extent
 CUT_REACH = 0.03  # largest distance of a cutting line from its plane, share of the object's size
+FARTHEST = 1e4  # pixels, of drawn places
 NUM_STEPS = 96  # steps of a line; each step is hidden or visible
 
 
@@ -237,7 +239,7 @@ def _line(
         for step in range(NUM_STEPS):
             if (hidden[step] and hidden[step + 1]) == wanted and not (dashed and step // 4 % 2):
                 first, second = (_fixed(pixels[step]), _fixed(pixels[step + 1]))
-                cv2.line(layer, first, second, color, width, cv2.LINE_AA, 3)
+                cv2.line(layer, first, second, color, width, cv2.LINE_AA, FIXED_BITS)
         if wanted:
             cv2.addWeighted(
                 faint, HIDDEN_OPACITY, view.picture, 1 - HIDDEN_OPACITY, 0, dst=view.picture
@@ -250,7 +252,8 @@ def _tint(picture: ColorImage, mask: Mask, color: Color, opacity: float) -> None
 
 
 def _dot(picture: ColorImage, pixel: Array, radius: int, color: Color) -> None:
-    cv2.circle(picture, _fixed(pixel), radius << 3, color, -1, cv2.LINE_AA, 3)
+    place, size = _fixed(pixel), radius << FIXED_BITS
+    cv2.circle(picture, place, size, color, -1, cv2.LINE_AA, FIXED_BITS)
 
 
 def _label(picture: ColorImage, text: str, pixel: Array, color: Color) -> None:
@@ -264,5 +267,6 @@ def _label(picture: ColorImage, text: str, pixel: Array, color: Color) -> None:
 
 
 def _fixed(pixel: Array) -> tuple[int, int]:
-    x, y = np.rint(np.clip(pixel, -1e4, 1e4) * 8).astype(int)
+    """Return a pixel as OpenCV's fixed-point numbers."""
+    x, y = np.rint(np.clip(pixel, -FARTHEST, FARTHEST) * (1 << FIXED_BITS)).astype(int)
     return int(x), int(y)

@@ -9,6 +9,9 @@ from torch.nn import functional
 
 from pipelines.geometry.symmetry import NUM_SLOTS
 
+# Widths of hidden layers, of which the paper gives the number: of affordance and existence, and of
+# the parameters.
+HIDDEN, PARAMETER_HIDDEN = (64, 32, 16), (128, 96, 64)
 NUM_DIRECTIONS = 4  # slots with a direction: all but the sphere
 FIRST_OUTPUTS = 0.3  # scale of the last layers' first weights, relative to Kaiming's
 POWER_STEPS = 4  # squarings: the second eigenvalue's ratio to the first fades to its 16th power
@@ -37,9 +40,10 @@ class Heads(nn.Module):
 
     def __init__(self, feature_dim: int) -> None:
         super().__init__()
-        self.affordance = mlp(feature_dim, (64, 32, 16), 1)
-        self.existence = mlp(feature_dim, (64, 32, 16), NUM_SLOTS)
-        self.symmetry = mlp(feature_dim, (128, 96, 64), 3 * NUM_SLOTS + 6 * NUM_DIRECTIONS)
+        num_parameters = 3 * NUM_SLOTS + 6 * NUM_DIRECTIONS
+        self.affordance = mlp(feature_dim, HIDDEN, 1)
+        self.existence = mlp(feature_dim, HIDDEN, NUM_SLOTS)
+        self.symmetry = mlp(feature_dim, PARAMETER_HIDDEN, num_parameters)
 
     @torch.no_grad()
     def shrink_outputs(self) -> None:
@@ -72,8 +76,8 @@ def leading_direction(
     """Return the unit eigenvector (..., 3) of the largest eigenvalue of a symmetric matrix.
 
     `six` holds xx, yy, zz, xy, xz, yz. A high power of the shifted matrix has columns that are all
-    along the eigenvector; the result is the longest. This has a gradient everywhere,
-    also where two eigenvalues are equal.
+    along the eigenvector; the result is the longest. This has a gradient everywhere, also where two
+    eigenvalues are equal.
     """
     # Entries are the first axis, so that a product of many 3 x 3 matrices is a few long sums.
     rows = six.movedim(-1, 0).contiguous()

@@ -10,7 +10,13 @@ import cv2
 import numpy as np
 
 from pipelines.array_types import Array, Indices, Mask, Singles
-from pipelines.grasping.peers.rectangles import angles, corners, opening_pixels, rectangle_rows
+from pipelines.grasping.peers.rectangles import (
+    RectColumn,
+    angles,
+    corners,
+    opening_pixels,
+    rectangle_rows,
+)
 
 MAP_SIDE = 300  # pixels, shorter side of the image of the maps
 WIDEST = 150.0  # pixels, unit of the map `width`
@@ -36,7 +42,7 @@ class GraspMaps:
     @classmethod
     def painted(cls, rows: Array, shape: tuple[int, int]) -> "GraspMaps":
         """Return the maps of rectangles `rows` (n, 7), pixels of the maps, the best on top."""
-        order = np.argsort(rows[:, 5], kind="stable")
+        order = np.argsort(rows[:, RectColumn.SCORE], kind="stable")
         rows = rows[order]
         index = np.zeros(shape, np.int32)
         for number, shown in enumerate(np.rint(corners(rows, MIDDLE)).astype(np.int32), start=1):
@@ -91,8 +97,9 @@ def peaks(quality: Singles) -> tuple[Indices, Indices]:
 def scaled_rows(rows: Array, scale: float) -> Array:
     """Return rectangles `rows` (n, 7) in an image `scale` times as large."""
     moved = rows.copy()
-    moved[:, :4] = (rows[:, :4] + 0.5) * scale - 0.5
-    moved[:, 4] = rows[:, 4] * scale
+    for columns in (RectColumn.CENTER, RectColumn.SIDE):
+        moved[:, columns] = (rows[:, columns] + 0.5) * scale - 0.5
+    moved[:, RectColumn.HEIGHT] = rows[:, RectColumn.HEIGHT] * scale
     return moved
 
 

@@ -10,7 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.array_types import Array, Indices
-from pipelines.grasping.peers.rectangles import angles, opening_pixels, rectangle_rows
+from pipelines.grasping.peers.rectangles import (
+    RectColumn,
+    angles,
+    opening_pixels,
+    rectangle_rows,
+)
 
 NUM_ORIENTATIONS = 18  # distinct orientations
 CLASS_DEGREES = 10.0
@@ -24,8 +29,9 @@ def orientation_classes(rows: Array) -> NDArray[np.int64]:
 
 def horizontal_boxes(rows: Array) -> Array:
     """Return boxes (n, 4) x0, y0, x1, y1 of rectangles `rows` (n, 7), turned to horizontal."""
-    half = 0.5 * np.stack([opening_pixels(rows), rows[:, 4]], axis=1)
-    return np.concatenate([rows[:, :2] - half, rows[:, :2] + half], axis=1)
+    half = 0.5 * np.stack([opening_pixels(rows), rows[:, RectColumn.HEIGHT]], axis=1)
+    center = rows[:, RectColumn.CENTER]
+    return np.concatenate([center - half, center + half], axis=1)
 
 
 def rows_of_boxes(boxes: Array, classes: NDArray[np.integer], score: Array) -> Array:
@@ -43,10 +49,12 @@ def spread_rows(rows: Array, most: int) -> Indices:
     """
     kept: list[Indices] = []
     double = 2.0 * angles(rows)
-    turn = rows[:, 4:5] / np.radians(60.0) * np.stack([np.cos(double), np.sin(double)], axis=1)
-    places = np.concatenate([rows[:, :2], turn], axis=1)
-    for object_id in np.unique(rows[:, 6]):
-        own = np.flatnonzero(rows[:, 6] == object_id)
+    around = np.stack([np.cos(double), np.sin(double)], axis=1)
+    turn = rows[:, RectColumn.HEIGHT, None] / np.radians(60.0) * around
+    places = np.concatenate([rows[:, RectColumn.CENTER], turn], axis=1)
+    owners = rows[:, RectColumn.OBJECT_ID]
+    for object_id in np.unique(owners):
+        own = np.flatnonzero(owners == object_id)
         kept.append(own[_farthest_first(places[own], most)])
     return np.sort(np.concatenate([np.zeros(0, np.int64), *kept]))
 

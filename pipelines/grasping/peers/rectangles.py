@@ -25,6 +25,16 @@ SCORE_AT_ZERO = 1.1  # the score of a label is this value minus its friction coe
 ROUNDING = 1e-4  # rounding error of a label's score
 
 
+class RectColumn:
+    """Columns of the rows; pixels."""
+
+    CENTER = slice(0, 2)
+    SIDE = slice(2, 4)  # the middle of a short side
+    HEIGHT = 4
+    SCORE = 5
+    OBJECT_ID = 6
+
+
 def rectangle_rows(
     center: Array, angle: Array, opening: Array, height: Array, score: Array
 ) -> Array:
@@ -44,29 +54,35 @@ def rectangle_rows(
 
 def angles(rows: Array) -> Array:
     """Return the angle (n,) of the opening line, counter-clockwise, radians in [-pi/2, pi/2)."""
-    line = rows[:, 2:4] - rows[:, :2]
+    line = _half_openings(rows)
     angle = np.arctan2(-line[:, 1], line[:, 0])
     return np.asarray(np.mod(angle + 0.5 * np.pi, np.pi) - 0.5 * np.pi)
 
 
 def opening_pixels(rows: Array) -> Array:
     """Return the opening (n,) of the fingers in pixels."""
-    return np.asarray(2.0 * np.linalg.norm(rows[:, 2:4] - rows[:, :2], axis=1))
+    return np.asarray(2.0 * np.linalg.norm(_half_openings(rows), axis=1))
+
+
+def _half_openings(rows: Array) -> Array:
+    """Return the vectors (n, 2) from the centres to the sides, pixels."""
+    return np.asarray(rows[:, RectColumn.SIDE] - rows[:, RectColumn.CENTER])
 
 
 def corners(rows: Array, share: float = 1.0) -> Array:
     """Return the corners (n, 4, 2) of the middle `share` along the opening."""
-    half = share * (rows[:, 2:4] - rows[:, :2])
+    half = share * _half_openings(rows)
     length = np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-9)
-    across = np.stack([-half[:, 1], half[:, 0]], axis=1) / length * (0.5 * rows[:, 4:5])
-    center = rows[:, :2]
+    half_height = 0.5 * rows[:, RectColumn.HEIGHT, None]
+    across = np.stack([-half[:, 1], half[:, 0]], axis=1) / length * half_height
+    center = rows[:, RectColumn.CENTER]
     ends = [center + half + across, center + half - across]
     return np.stack([*ends, center - half - across, center - half + across], axis=1)
 
 
 def hold_at(rows: Array, friction: float) -> Mask:
     """Return a mask (n,) of the labels `rows` (n, 7) that hold at this `friction` coefficient."""
-    return np.asarray(rows[:, 5] >= SCORE_AT_ZERO - friction - ROUNDING)
+    return np.asarray(rows[:, RectColumn.SCORE] >= SCORE_AT_ZERO - friction - ROUNDING)
 
 
 def on_their_object(rows: Array, label: NDArray[np.integer]) -> Mask:
@@ -76,12 +92,12 @@ def on_their_object(rows: Array, label: NDArray[np.integer]) -> Mask:
         rows: (n, 7).
         label: (H, W) object id + 1, 0 = background.
     """
-    pixels = np.rint(rows[:, :2]).astype(np.int64)
+    pixels = np.rint(rows[:, RectColumn.CENTER]).astype(np.int64)
     inside = (pixels >= 0).all(axis=1)
     inside &= (pixels[:, 0] < label.shape[1]) & (pixels[:, 1] < label.shape[0])
     found = np.full(len(rows), -1, np.int64)
     found[inside] = label[pixels[inside, 1], pixels[inside, 0]].astype(np.int64) - 1
-    return np.asarray(inside & (found == rows[:, 6].astype(np.int64)))
+    return np.asarray(inside & (found == rows[:, RectColumn.OBJECT_ID].astype(np.int64)))
 
 
 def rectangle_hits(found: Array, true: Array) -> Mask:
@@ -102,11 +118,9 @@ def rectangle_hits(found: Array, true: Array) -> Mask:
 def _turned_box(row: Array) -> tuple[tuple[float, ...], tuple[float, ...], float]:
     """Return a rectangle in OpenCV's form: centre, size, angle clockwise in degrees."""
     (angle,), (opening,) = angles(row[None]), opening_pixels(row[None])
-    return (
-        (float(row[0]), float(row[1])),
-        (float(opening), float(row[4])),
-        float(-np.degrees(angle)),
-    )
+    x, y = row[RectColumn.CENTER].tolist()
+    size = float(opening), float(row[RectColumn.HEIGHT])
+    return (x, y), size, float(-np.degrees(angle))
 
 
 def _overlap(one: Any, other: Any) -> float:  # noqa: ANN401 - OpenCV's rectangle
@@ -133,7 +147,7 @@ def rectangle_grasps(
         intrinsics: intrinsics of `depth`.
         gripper: the gripper of the grasps.
     """
-    pixels = np.rint(rows[:, :2]).astype(np.int64)
+    pixels = np.rint(rows[:, RectColumn.CENTER]).astype(np.int64)
     index = np.flatnonzero(
         (pixels >= 0).all(axis=1)
         & (pixels[:, 0] < depth.shape[1])
@@ -141,7 +155,8 @@ def rectangle_grasps(
     )
     z = depth[pixels[index, 1], pixels[index, 0]].astype(np.float64)
     index, z = index[z > 0], z[z > 0]
-    origin, side = (intrinsics.points_at(rows[index, i : i + 2], z) for i in (0, 2))
+    columns = RectColumn.CENTER, RectColumn.SIDE
+    origin, side = (intrinsics.points_at(rows[index, each], z) for each in columns)
     line = side - origin
     length = np.linalg.norm(line, axis=1)
     long = length > MIN_LINE

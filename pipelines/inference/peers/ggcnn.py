@@ -11,7 +11,7 @@ from pipelines.frames.rgbd import Frame
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.peers.grasp_maps import MAP_SIDE, GraspMaps, scaled_rows
-from pipelines.grasping.peers.rectangles import rectangle_grasps
+from pipelines.grasping.peers.rectangles import RectColumn, rectangle_grasps
 from pipelines.grasping.scene import SceneCloud
 from pipelines.network.peers.ggcnn import GGCNN, SIDES_BY
 from pipelines.network.peers.ggcnn_input import normalised, whole_depth
@@ -34,7 +34,7 @@ class GGCNNMethod:
         rows = self.maps(depth).rectangles()
         rows = scaled_rows(rows, min(depth.shape) / MAP_SIDE)
         grasps, index = rectangle_grasps(rows, scene.depth, scene.intrinsics, self.gripper)
-        return grasps, rows[index, 5]
+        return grasps, rows[index, RectColumn.SCORE]
 
     @torch.inference_mode()
     def maps(self, depth: Singles) -> GraspMaps:

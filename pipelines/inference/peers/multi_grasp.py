@@ -13,7 +13,7 @@ from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.peers.grasp_maps import scaled_rows
 from pipelines.grasping.peers.oriented_boxes import rows_of_boxes
-from pipelines.grasping.peers.rectangles import rectangle_grasps
+from pipelines.grasping.peers.rectangles import RectColumn, rectangle_grasps
 from pipelines.grasping.scene import SceneCloud
 from pipelines.network.peers.multi_grasp import LONG_SIDES, SHORT_SIDES
 from pipelines.network.peers.rgd import rgd_pixels, rgd_tensor
@@ -44,4 +44,4 @@ class MultiGraspMethod:
         rows = rows_of_boxes(boxes.astype(np.float64), labels, score.astype(np.float64))
         rows = scaled_rows(rows, scene.intrinsics.width / small.intrinsics.width)
         grasps, index = rectangle_grasps(rows, scene.depth, scene.intrinsics, self.gripper)
-        return grasps, rows[index, 5]
+        return grasps, rows[index, RectColumn.SCORE]

@@ -14,7 +14,7 @@ from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_labels import read_rect
 from pipelines.dataset.graspnet.graspnet_layout import FrameFiles
 from pipelines.grasping.peers.grasp_maps import MAP_SIDE, GraspMaps, scaled_rows
-from pipelines.grasping.peers.rectangles import hold_at, on_their_object
+from pipelines.grasping.peers.rectangles import RectColumn, hold_at, on_their_object
 from pipelines.learning.peers.peer import Arrays, Drawn, Peer, PeerTraining, mean_figures
 from pipelines.network.peers.ggcnn import GGCNN, MAPS
 from pipelines.network.peers.ggcnn_input import normalised, whole_depth
@@ -78,7 +78,8 @@ def crop(frame: Arrays, x: int, y: int, side: int, turns: int) -> tuple[Singles,
     method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
     resized = cv2.resize(np.rot90(depth, turns), (MAP_SIDE, MAP_SIDE), interpolation=method)
     rows = frame["rows"].astype(np.float64)
-    rows[:, :4] -= np.array([x, y, x, y])
+    for columns in (RectColumn.CENTER, RectColumn.SIDE):
+        rows[:, columns] -= np.array([x, y])
     for _ in range(turns):
         rows = turned_rows(rows, side)
     painted = GraspMaps.painted(scaled_rows(rows, MAP_SIDE / side), (MAP_SIDE, MAP_SIDE))

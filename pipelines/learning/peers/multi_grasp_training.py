@@ -22,7 +22,12 @@ from pipelines.grasping.peers.oriented_boxes import (
     rows_of_boxes,
     spread_rows,
 )
-from pipelines.grasping.peers.rectangles import hold_at, on_their_object, rectangle_hits
+from pipelines.grasping.peers.rectangles import (
+    RectColumn,
+    hold_at,
+    on_their_object,
+    rectangle_hits,
+)
 from pipelines.learning.peers.peer import Arrays, Drawn, Peer, PeerTraining
 from pipelines.network.detection.mask_rcnn import seed_samplers
 from pipelines.network.peers.multi_grasp import LONG_SIDES, SHORT_SIDES, build_multi_grasp
@@ -86,8 +91,8 @@ def moved_image(frame: Arrays, degrees: float, shift: Array) -> tuple[NDArray[np
     turned = cv2.warpAffine(pixels, T, (width, height), flags=cv2.INTER_LINEAR)
     turned[..., 2] = cv2.warpAffine(pixels[..., 2], T, (width, height), flags=cv2.INTER_NEAREST)
     moved = rows.copy()
-    for i in (0, 2):
-        moved[:, i : i + 2] = rows[:, i : i + 2] @ T[:, :2].T + T[:, 2]
+    for columns in (RectColumn.CENTER, RectColumn.SIDE):
+        moved[:, columns] = rows[:, columns] @ T[:, :2].T + T[:, 2]
     return np.asarray(turned, np.uint8), moved
 
 

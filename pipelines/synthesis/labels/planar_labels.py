@@ -11,11 +11,11 @@ from pipelines.dataset.graspnet.graspnet_labels import RECT_COLUMNS, LabelledGra
 from pipelines.dataset.graspnet.graspnet_views import generate_views
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import rotate_vectors, transform_points
+from pipelines.grasping.peers.rectangles import SCORE_AT_ZERO
 from pipelines.synthesis.labels.graspnet_gripper import HALF_HEIGHT
 
 MIN_ALONG_VIEW = 0.99  # cosine between approach and view axis: 8 degrees
 BASE = 0.02  # metres behind the grasp's origin at which the rectangle is drawn
-SCORE_WITHOUT_FRICTION = 1.1  # the score is 1.1 - friction, higher is better
 
 
 def planar_rows(
@@ -41,7 +41,7 @@ def planar_rows(
             center,
             opened,
             np.linalg.norm(high - low, axis=1),
-            SCORE_WITHOUT_FRICTION - friction,
+            SCORE_AT_ZERO - friction,
             np.full(len(level), object_id),
         ]
     )

@@ -118,7 +118,7 @@ def is_made_of(
     stamps = (
         (name, replace(whole, inputs=FrameInputs(inputs, sources[name].files))) for name in names
     )
-    return digest_of_stamps(stamps) == wanted
+    return digest_of_stamps(stamps) == str(wanted)
 
 
 @lru_cache(maxsize=MAX_DIGESTS)

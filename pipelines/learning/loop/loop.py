@@ -20,7 +20,7 @@ from pipelines.configs import (
     TrainConfig,
     TrainCriticConfig,
 )
-from pipelines.errors import ValueRangeError
+from pipelines.errors import ValueRangeError, counted
 from pipelines.learning.loop.faults import describe_losses, save_fault
 from pipelines.learning.loop.loaders import load_ahead
 from pipelines.learning.loop.run_files import RunFiles
@@ -32,7 +32,6 @@ from pipelines.learning.loop.runs import (
     RunRequest,
     describe,
     file_of_run,
-    steps_done,
 )
 from pipelines.learning.loop.trainee import Items, Trainee
 from pipelines.learning.progress.display import Display
@@ -131,7 +130,7 @@ class TrainingRun:
         if reason > StopReason.TIME_LIMIT and not self.progress.finished:
             raise TrainingStopped(
                 reason,
-                f"after {steps_done(self.progress)}; "
+                f"after {counted(self.progress.total_steps, 'step')}; "
                 f"{file_of_run(self.output, CHECKPOINT)} holds them, --resume continues",
             )
         return self.progress
@@ -250,7 +249,7 @@ class TrainingRun:
         for name, figure in figures.items():
             self.writer.add_scalar(f"val/{name}", figure, self.progress.total_steps)
         text = ", ".join(f"{name} {figure:.4g}" for name, figure in figures.items())
-        self.display.say(f"validation after {steps_done(self.progress)}: {text}")
+        self.display.say(f"validation after {counted(self.progress.total_steps, 'step')}: {text}")
 
     def _figures_and_weights(self) -> tuple[dict[str, float], dict[str, torch.Tensor]]:
         """Return the figures of the mean weights, and the mean weights at this step."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.contents import reading, typed
-from pipelines.errors import FormatError, SymgraspError, ValueRangeError
+from pipelines.errors import FormatError, SymgraspError, ValueRangeError, counted
 from pipelines.storage.checkpoints import load_training
 from pipelines.storage.provenance import COMPARED, Stamp, read_stamp, warn_of_other_version
 
@@ -199,14 +199,10 @@ def refuse_own_start(init: Path | None, output: Path) -> None:
         raise ValueRangeError("--init", init, "another file than --out, such as a copy")
 
 
-def steps_done(progress: Progress) -> str:
-    """Return the number of all steps in words."""
-    return "1 step" if progress.total_steps == 1 else f"{progress.total_steps} steps"
-
-
 def describe(progress: Progress) -> str:
     """Return the number of steps and the figures of the kept weights, in one line."""
     figures = ", ".join(f"{name} {value:.4g}" for name, value in progress.kept.items())
     kept = f"best on unseen scenes: {figures}" if figures else "no weights are written yet"
     state = "finished" if progress.finished else "stopped by its time limit, --resume continues"
-    return f"{steps_done(progress)} in {progress.seconds / 60:.1f} min, {state}; {kept}"
+    steps = counted(progress.total_steps, "step")
+    return f"{steps} in {progress.seconds / 60:.1f} min, {state}; {kept}"

@@ -19,6 +19,13 @@ WORD = "|".join((*COLOR_WORDS, "depth"))
 ALONE = re.compile(rf"({WORD})(?:_image)?|image_({WORD})", re.IGNORECASE)
 ENDING = re.compile(rf"(.+)[-_.]({WORD})", re.IGNORECASE)
 BEGINNING = re.compile(rf"({WORD})[-_.](.+)", re.IGNORECASE)
+# Depth registered to the colour, as tools of RealSense, Azure Kinect and ROS name it.
+TO_COLOR = r"[-_.]?to[-_.]?(?:colou?r|rgb)"
+ALIGNED = re.compile(
+    rf"(?<![a-z])(?:aligned|registered|transformed)[-_.]?depth(?:{TO_COLOR})?"
+    rf"|depth(?:[-_.]?(?:aligned|registered|transformed)(?:{TO_COLOR})?|{TO_COLOR})(?![a-z])",
+    re.IGNORECASE,
+)
 COLOR_FOLDERS = ("rgb", "color", "image", "images", "gray")
 UNREAD_IMAGE_SUFFIXES = (".jpg", ".jpeg", ".bmp", ".webp", ".ppm", ".pgm", ".gif", ".heic", ".raw")
 # Rests of the names of arrays that hold facts about the images, such as depth_scale.npy.
@@ -113,6 +120,7 @@ def flat_pairs(folder: Path) -> list[ImagePair]:
     for stem in between[0].keys() & between[1].keys():
         colors.setdefault(stem, between[0][stem])
         depths.setdefault(stem, between[1][stem])
+    depths = {stem: _aligned_alone(paths) for stem, paths in depths.items()}
     depths = {
         stem: paths for stem, paths in depths.items() if stem in colors or not _is_fact(stem, paths)
     }
@@ -127,6 +135,14 @@ def flat_pairs(folder: Path) -> list[ImagePair]:
         if plain is not None and plain.suffix.lower() in COLOR_SUFFIXES:
             colors[""] = [plain]
     return _paired(colors, depths)
+
+
+def _aligned_alone(depths: list[Path]) -> list[Path]:
+    """Return the depths that are aligned to the colour; all if none is: raw depth has another view.
+
+    Raw depth is then not read, as it belongs to another camera than the colour.
+    """
+    return [path for path in depths if ALIGNED.search(path.stem)] or depths
 
 
 def _is_fact(stem: str, depths: Sequence[Path]) -> bool:
@@ -190,6 +206,7 @@ def _without_word(stem: str, words: tuple[str, ...]) -> str | None:
 @lru_cache(maxsize=1 << 16)  # `infer --watch` lists the same folder again and again
 def _word_and_rest(stem: str) -> tuple[str, str]:
     """Return the word that ends or begins `stem`, in lower case, and the rest; "" for no word."""
+    stem = ALIGNED.sub("depth", stem)
     if alone := ALONE.fullmatch(stem):
         return next(filter(None, alone.groups())).lower(), ""
     if ending := ENDING.fullmatch(stem):
@@ -202,18 +219,26 @@ def _without_inner_word(stem: str, words: tuple[str, ...]) -> str | None:
     """Return `stem` without the word between others; None if the word is at an end or missing."""
     if _word_and_rest(stem)[0]:
         return None
+    stem = ALIGNED.sub("depth", stem)
     found = re.fullmatch(rf"(.+[-_.])({'|'.join(words)})[-_.](.+)", stem, re.IGNORECASE)
     return None if found is None else f"{found[1]}{found[3]}"
 
 
 def sister_pairs(folder: Path, suffix: str = "") -> list[ImagePair]:
-    """Pair `rgb/x` with `depth/x`; several names of the colour folder are in use.
+    """Pair `rgb/x` with `depth/x`; several names of both folders are in use.
 
+    Depth in a folder such as `aligned_depth_to_color` is preferred to `depth`, which may be raw.
     `suffix`: suffix of the names of both folders.
     """
     color_folder = _sister(folder, COLOR_FOLDERS, suffix)
-    depth_folder = _sister(folder, ("depth",), suffix)
-    if color_folder is None or depth_folder is None:
+    if color_folder is None:
+        return []
+    aligned = sorted(path for path in folder.iterdir() if ALIGNED.fullmatch(path.name))
+    depth_folder = next(
+        (path for path in aligned if path.is_dir() and not suffix),
+        _sister(folder, ("depth",), suffix),
+    )
+    if depth_folder is None:
         return []
     colors = _by_stem(color_folder.iterdir(), COLOR_SUFFIXES)
     depths = _by_stem(depth_folder.iterdir(), DEPTH_SUFFIXES)

@@ -58,8 +58,9 @@ class Pairing:
         """Yield the frames of `folder`, none if the folder has another layout."""
         if not self.is_in(folder):
             return
-        shared = shared_camera_file(folder)
-        for pair in sorted(self.pairs(folder), key=lambda pair: pair.stem):
+        pairs = sorted(self.pairs(folder), key=lambda pair: pair.stem)
+        shared = shared_camera_file(folder) if pairs else None
+        for pair in pairs:
             camera = self.camera_file(folder, pair, shared)
             read = functools.partial(read_paired, pair, camera, options)
             files = (pair.color, pair.depth, camera)
@@ -145,4 +146,4 @@ PRINCETON = Pairing(
 )
 GQCNN = Pairing("gqcnn", ("*.intr",), flat_pairs)
 FLAT = Pairing("flat pairs", ("*",), flat_pairs)
-SISTERS = Pairing("colour and depth folders", ("depth", "Depth", "DEPTH"), sister_pairs)
+SISTERS = Pairing("colour and depth folders", ("*",), sister_pairs)

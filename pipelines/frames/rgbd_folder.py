@@ -18,7 +18,7 @@ COLOR_WORDS = ("color", "colour", "rgb")
 WORD = "|".join((*COLOR_WORDS, "depth"))
 ALONE = re.compile(rf"({WORD})(?:_image)?|image_({WORD})", re.IGNORECASE)
 ENDING = re.compile(rf"(.+)[-_.]({WORD})", re.IGNORECASE)
-BEGINNING = re.compile(rf"({WORD})[-_.](.+)", re.IGNORECASE)
+BEGINNING = re.compile(rf"({WORD})(?:[-_.]|(?=\d+(?:[-_.]|$)))(.+)", re.IGNORECASE)  # also color0
 # Depth registered to the colour, as tools of RealSense, Azure Kinect and ROS name it.
 TO_COLOR = r"[-_.]?to[-_.]?(?:colou?r|rgb)"
 ALIGNED = re.compile(
@@ -138,9 +138,9 @@ def flat_pairs(folder: Path) -> list[ImagePair]:
 
 
 def _aligned_alone(depths: list[Path]) -> list[Path]:
-    """Return the depths that are aligned to the colour; all if none is: raw depth has another view.
+    """Return the depths that are aligned to the colour, or all if none is.
 
-    Raw depth is then not read, as it belongs to another camera than the colour.
+    Raw depth next to aligned depth has another view than the colour.
     """
     return [path for path in depths if ALIGNED.search(path.stem)] or depths
 
@@ -242,7 +242,19 @@ def sister_pairs(folder: Path, suffix: str = "") -> list[ImagePair]:
         return []
     colors = _by_stem(color_folder.iterdir(), COLOR_SUFFIXES)
     depths = _by_stem(depth_folder.iterdir(), DEPTH_SUFFIXES)
+    if not colors.keys() & depths.keys():  # color/color_0.png and depth/depth_0.png
+        plain = _without_words(colors, COLOR_WORDS), _without_words(depths, ("depth",))
+        colors, depths = plain if plain[0].keys() & plain[1].keys() else (colors, depths)
     return _paired(colors, depths)
+
+
+def _without_words(files: ImageFiles, words: tuple[str, ...]) -> ImageFiles:
+    """Map the rest of the names, without a word that ends or begins them, to the files."""
+    found: ImageFiles = {}
+    for stem, paths in files.items():
+        rest = _without_word(stem, words)
+        found.setdefault(stem if rest is None else rest, []).extend(paths)
+    return found
 
 
 def _sister(folder: Path, names: Iterable[str], suffix: str = "") -> Path | None:

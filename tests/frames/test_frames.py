@@ -415,3 +415,21 @@ def test_a_real_graspnet_demo_folder_is_read(shared: Path) -> None:
     assert frame.name == "native/graspnet_demo"
     assert frame.depth.shape == (720, 1280)
     assert frame.depth.max() < 65.0
+
+
+@pytest.mark.parametrize(
+    ("image", "partner", "name"),
+    [
+        ("color/color_0.png", "depth/depth_0.png", "0"),
+        ("rgb/0_rgb.png", "depth/0_depth.png", "0"),
+        ("rgb/7.png", "depth/7_depth.png", "7"),
+        ("rgb/rgb7.png", "depth/depth7.png", "7"),
+        ("color7.png", "depth7.png", "7"),
+        ("RGB7_left.png", "Depth7_left.png", "7_left"),
+    ],
+)
+def test_the_words_may_be_in_the_names_in_two_folders_and_before_a_number(
+    tmp_path: Path, save: Callable[..., None], image: str, partner: str, name: str
+) -> None:
+    save(tmp_path / image, tmp_path / partner, tmp_path / "camera.json")
+    assert [source.read().name for source in find_frames(tmp_path)] == [name]

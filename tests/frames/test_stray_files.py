@@ -49,11 +49,11 @@ def test_a_folder_of_images_without_partners_hides_no_folders_below(
 
 
 def test_images_without_partners_are_reported_where_nothing_else_is_found(tmp_path: Path) -> None:
-    for name in ("rgb/rgb_1.png", "depth/depth_1.png"):
+    for name in ("rgb/rgb_1.png", "depth/depth_2.png"):
         (tmp_path / name).parent.mkdir()
         stray(tmp_path / name)
     sources = find_frames(tmp_path)
-    assert [source.name for source in sources] == ["depth_1", "rgb_1"]
+    assert [source.name for source in sources] == ["depth_2", "rgb_1"]
     with pytest.raises(FormatError, match="has no colour image next to it"):
         sources[0].read()
 

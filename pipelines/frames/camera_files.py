@@ -14,13 +14,15 @@ from numpy.typing import NDArray
 
 from pipelines.array_types import Array
 from pipelines.errors import FormatError, SymgraspError, ValueRangeError
+from pipelines.frames.encodings.camera_texts import read_camera_text, read_camera_xml
 from pipelines.frames.encodings.yaml_files import read_yaml
 from pipelines.frames.graspnet_scene import read_meta
 from pipelines.frames.lens import NO_DISTORTION, Distortion, distortion_in
+from pipelines.frames.stated_sizes import first_stated, stated_size
 from pipelines.frames.stated_units import check_units, units_in
 from pipelines.geometry.camera import Intrinsics
 from pipelines.storage.array_files import read_npy
-from pipelines.storage.files import existing, is_file, read_json
+from pipelines.storage.files import is_file, read_json
 
 SYNONYMS = {
     "fx": ("fx", "_fx", "fl_x"),
@@ -28,10 +30,19 @@ SYNONYMS = {
     "cx": ("cx", "_cx", "x_offset", "ppx"),
     "cy": ("cy", "_cy", "y_offset", "ppy"),
 }
-WIDTH_KEYS = ("width", "img_width", "image_width", "_width", "w", "xres")
-HEIGHT_KEYS = ("height", "img_height", "image_height", "_height", "h", "yres")
 MATRIX_KEYS = ("cam_K", "K", "k", "intrinsic_matrix", "intrinsics_matrix", "camera_matrix",
-               "cameraMatrix", "INTRINSICS", "intrinsics", "intrinsic")  # fmt: skip
+               "Camera_Matrix", "cameraMatrix", "INTRINSICS", "intrinsics", "intrinsic",
+               "mtx")  # fmt: skip
+MAPPINGS = (
+    ".json",
+    ".intr",
+    ".yml",
+    ".yaml",
+    ".txt",
+    ".csv",
+    ".xml",
+)  # suffixes of files with keys
+ORB_SLAM = ("Camera.", "Camera1.")
 FORMS = "fx, fy, cx, cy or a 3x3 matrix (cam_K, K, intrinsic_matrix) is expected"
 # A principal point this near the border means intrinsics of another image size.
 CENTRAL = (0.1, 0.9)
@@ -117,7 +128,7 @@ def parse_camera(text: str) -> CameraFile:
 
 
 def read_camera_file(path: Path, frame: str = "") -> CameraFile:
-    """Read a camera file of any known form: json, intr, yaml, txt, npy, mat.
+    """Read a camera file of any known form: json, intr, yaml, txt, csv, xml, npy, mat.
 
     A BOP `scene_camera.json` has one camera a frame; `frame` names it.
 
@@ -125,10 +136,8 @@ def read_camera_file(path: Path, frame: str = "") -> CameraFile:
         FormatError: the file has none of the known forms.
     """
     match path.suffix.lower():
-        case ".json" | ".intr" | ".yml" | ".yaml":
+        case suffix if suffix in MAPPINGS:
             return camera_from_mapping(path, _content(path, frame))
-        case ".txt":
-            return _from_numbers(path)
         case ".npy":
             return CameraFile.from_matrix(path, read_npy(path))
         case ".mat":
@@ -136,13 +145,20 @@ def read_camera_file(path: Path, frame: str = "") -> CameraFile:
             units = meta.factor_depth
             return CameraFile.from_matrix(path, meta.intrinsic_matrix, units_per_metre=units)
         case _:
-            raise SymgraspError(f"{path} is no camera file; give .json, .yaml, .txt, .npy or .mat")
+            raise SymgraspError(
+                f"{path} is no camera file; give .json, .yaml, .txt, .csv, .xml, .npy or .mat"
+            )
 
 
 def read_units(path: Path, frame: str = "") -> float | None:
     """Return the unit in a camera file, None if it states none; it need not hold a camera."""
     match path.suffix.lower():
-        case ".json" | ".intr" | ".yml" | ".yaml":
+        case ".txt" | ".csv" | ".xml":
+            try:
+                content = _content(path, frame)
+            except FormatError:  # of several cameras, or of others than ours: another is stated
+                return None
+        case suffix if suffix in MAPPINGS:
             content = _content(path, frame)
         case ".mat":
             return read_meta(path).factor_depth
@@ -163,9 +179,14 @@ def units_of(path: Path, content: Mapping[str, Any]) -> float | None:
 
 
 def _content(path: Path, frame: str) -> Any:  # noqa: ANN401 - JSON
-    """Return the content of a JSON or YAML file, or the part of it that is on this frame."""
-    if path.suffix.lower() in (".yml", ".yaml"):
-        return read_yaml(path)
+    """Return the content of a file with keys, or the part of it that is on this frame."""
+    match path.suffix.lower():
+        case ".yml" | ".yaml":
+            return read_yaml(path)
+        case ".txt" | ".csv":
+            return read_camera_text(path)
+        case ".xml":
+            return read_camera_xml(path)
     content = read_json(path)
     if path.name.startswith("scene_camera") and isinstance(content, dict):
         return _camera_of(path, content, frame)
@@ -182,11 +203,11 @@ def camera_from_mapping(path: Path, content: Any) -> CameraFile:  # noqa: ANN401
         raise FormatError(path, "this has no keys", FORMS)
     content = _with_camera(content)
     try:
-        facts: dict[str, Any] = _size(content)
+        facts: dict[str, Any] = stated_size(content)
         facts["units_per_metre"] = units_of(path, content)
         facts["distortion"] = distortion_in(path, content)
         matrix = _stated_matrix(content)
-        values = {name: _first(content, keys) for name, keys in SYNONYMS.items()}
+        values = {name: first_stated(content, keys) for name, keys in SYNONYMS.items()}
         if isinstance(matrix, list) and np.size(matrix) == len(values):  # Kalibr's
             values = dict(zip(values, matrix, strict=True))
         elif matrix is not None:
@@ -215,8 +236,11 @@ def may_hold_camera(path: Path) -> bool:
 def _with_camera(content: dict[str, Any]) -> dict[str, Any]:
     """Return `content` with the only mapping below it that holds a camera, if it holds none itself.
 
-    Examples are `{"cam0": {...}}` of Kalibr, and `{"intrinsics": {"fx": ...}}`.
+    Examples are `{"cam0": {...}}` of Kalibr, and `{"intrinsics": {"fx": ...}}`. The keys of
+    ORB-SLAM, such as `Camera.fx`, count without their first part.
     """
+    own = {key.partition(".")[2]: each for key, each in content.items() if key.startswith(ORB_SLAM)}
+    content = own | content
     if _states_a_camera(content):
         return content
     below = _cameras_below(content)
@@ -229,7 +253,7 @@ def _cameras_below(content: dict[str, Any]) -> list[str]:
 
 
 def _states_a_camera(content: dict[str, Any]) -> bool:
-    return _stated_matrix(content) is not None or _first(content, SYNONYMS["fx"]) is not None
+    return _stated_matrix(content) is not None or first_stated(content, SYNONYMS["fx"]) is not None
 
 
 def _stated_matrix(content: dict[str, Any]) -> list[Any] | dict[str, Any] | None:
@@ -251,25 +275,6 @@ def _camera_of(path: Path, scene: dict[str, Any], frame: str) -> Any:  # noqa: A
     return scene[key]
 
 
-def _first(content: dict[str, Any], keys: tuple[str, ...]) -> Any:  # noqa: ANN401 - JSON
-    return next((content[key] for key in keys if content.get(key) is not None), None)
-
-
-def _size(content: dict[str, Any]) -> dict[str, int]:
-    """Return width and height in pixels, or nothing if one of them is missing."""
-    stated = content.get("resolution")
-    sizes = content | _mapping(stated)
-    width, height = _first(sizes, WIDTH_KEYS), _first(sizes, HEIGHT_KEYS)
-    if isinstance(stated, str) and (found := re.fullmatch(r"(\d+) *[x*] *(\d+)", stated.strip())):
-        width, height = found.groups()
-    elif isinstance(stated, list) and len(stated) == 2:
-        is_kalibr = isinstance(content.get("intrinsics"), list)
-        width, height = stated if is_kalibr else reversed(stated)  # MegaPose has the height first
-    if width is None or height is None:
-        return {}
-    return {"width": int(width), "height": int(height)}
-
-
 def _matrix(path: Path, stored: list[Any] | dict[str, Any]) -> Array:
     values = stored["data"] if isinstance(stored, dict) else stored
     numbers = np.asarray(values, dtype=np.float64).ravel()
@@ -278,20 +283,3 @@ def _matrix(path: Path, stored: list[Any] | dict[str, Any]) -> Array:
     K = numbers.reshape(3, 3) if numbers.size == 9 else numbers.reshape(4, 4)
     # Open3D stores column after column: then the principal point is in the last row.
     return np.asarray(K.T if K[2, 0] > 1.0 and K[0, 2] == 0.0 else K)
-
-
-def _from_numbers(path: Path) -> CameraFile:
-    try:
-        text = existing(path).read_text(encoding="utf-8-sig")
-        numbers = np.array(re.split(r"[,\s]+", text.strip()), dtype=np.float64)
-    except ValueError as error:
-        raise FormatError(path, f"holds a value that is no number ({error})", FORMS) from error
-    match numbers.size:
-        case 4:
-            fx, fy, cx, cy = numbers.tolist()
-            return CameraFile(fx, fy, cx, cy, origin=str(path))
-        case 9 | 16:
-            side = int(np.sqrt(numbers.size))
-            return CameraFile.from_matrix(path, numbers.reshape(side, side))
-        case size:
-            raise FormatError(path, f"{size} numbers", "fx fy cx cy or a 3x3 matrix is expected")

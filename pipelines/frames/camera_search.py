@@ -1,7 +1,7 @@
 """Search for camera files next to images: by their names, else by their content."""
 
+from collections import Counter
 from collections.abc import Iterator
-from itertools import islice
 from pathlib import Path
 
 from pipelines.errors import SymgraspError
@@ -34,10 +34,11 @@ SHARED_CAMERA_FILES = (
 # Endings of a frame's own camera file, which is searched first.
 OWN_CAMERA_ENDINGS = ("camera.json", "intrinsics.json", "meta.mat")
 # Suffixes of other files that may hold a camera, and of files that are only named to the user.
-READ = (".json", ".yaml", ".yml", ".intr", ".txt", ".npy")
-NAMED = (*READ, ".xml", ".ini", ".cfg", ".conf", ".toml", ".csv", ".mat")
-MOST_FILES = 20  # in a folder; more files are poses or labels, one per frame
+READ = (".json", ".yaml", ".yml", ".intr", ".txt", ".csv", ".xml", ".npy")
+NAMED = (*READ, ".ini", ".cfg", ".conf", ".toml", ".mat")
+MOST_FILES = 20  # of one suffix in a folder; more files are poses or labels, one per frame
 MOST_BYTES = 100_000
+MOST_NAMED = 3  # files in a sentence
 SHORTEST, LEAST_CENTER = 10.0, 1.0  # pixels; the numbers of a pose are smaller
 
 
@@ -92,21 +93,21 @@ def where_a_camera_may_be(image: Path) -> str:
     folders = [image.parent, image.parent.parent]
     found = [path for folder in folders for path, _camera in cameras_in(folder)]
     if found:
-        names = " and ".join(map(str, found[:3]))
+        names = " and ".join(map(str, found[:MOST_NAMED]))
         return f"{advice}, or --intrinsics {found[0]}: a camera is in {names}"
     others = [path.name for path in _small_files(image.parent, NAMED)]
-    unread = f"; no camera was found in {', '.join(others[:3])}" if others else ""
+    unread = f"; no camera was found in {', '.join(others[:MOST_NAMED])}" if others else ""
     known = "*_camera.json, intrinsics.json, cam_K.txt, ..."
     return f"{advice}, or put a camera file ({known}) next to it{unread}"
 
 
 def _small_files(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
-    """List the small files with one of `suffixes`; none if there are so many, one per frame."""
+    """List the small files with one of `suffixes`; none of a suffix that files of frames have."""
     try:
-        named = (path for path in folder.iterdir() if path.suffix.lower() in suffixes)
-        files = (path for path in named if path.is_file() and not path.name.startswith("."))
-        first = sorted(islice(files, MOST_FILES + 1))
-        small = [path for path in first if path.stat().st_size <= MOST_BYTES]
+        named = [path for path in folder.iterdir() if path.suffix.lower() in suffixes]
+        counts = Counter(path.suffix.lower() for path in named)
+        few = sorted(path for path in named if counts[path.suffix.lower()] <= MOST_FILES)
+        seen = (path for path in few if path.is_file() and not path.name.startswith("."))
+        return [path for path in seen if path.stat().st_size <= MOST_BYTES]
     except OSError:
         return []
-    return small if len(first) <= MOST_FILES else []

@@ -20,22 +20,23 @@ from pipelines.errors import FormatError
 from pipelines.geometry.camera import Intrinsics
 
 BROWN, FISHEYE = "Brown-Conrady", "fisheye"
-# Names of models in ROS, Kalibr, COLMAP, nerfstudio and librealsense.
+# Names of models in ROS, Kalibr, COLMAP, nerfstudio, ORB-SLAM and librealsense.
 MODELS = {
     **dict.fromkeys(("plumb_bob", "radtan", "brown_conrady", "modified_brown_conrady"), BROWN),
     **dict.fromkeys(("rational_polynomial", "thin_prism", "radial_tangential"), BROWN),
     **dict.fromkeys(("opencv", "full_opencv", "pinhole", "simple_pinhole", "perspective"), BROWN),
     **dict.fromkeys(("simple_radial", "radial", "pinhole_radtan"), BROWN),
     **dict.fromkeys(("equidistant", "fisheye", "opencv_fisheye", "kannala_brandt4"), FISHEYE),
-    **dict.fromkeys(("equi", "pinhole_equi"), FISHEYE),
+    **dict.fromkeys(("equi", "pinhole_equi", "kannalabrandt8"), FISHEYE),
     # Its coefficients too lead from a ray to a pixel: librealsense aligns depth with them so.
     "inverse_brown_conrady": BROWN,
 }
-MODEL_KEYS = ("distortion_model", "camera_model", "model")
+MODEL_KEYS = ("distortion_model", "camera_model", "Camera.type", "model")
 # Parts of the names of lens models that are not read. Another `model` is that of the device.
 OTHER_MODELS = re.compile(r"^distortion\.|fish|prism|radial|fov|omni|sphere|unified|theta|eucm")
-LIST_KEYS = ("D", "d", "distortion_coefficients", "distortion_coeffs", "dist_coeffs", "dist_coefs",
-             "distCoeffs", "dist", "distortion", "coeffs")  # fmt: skip
+LIST_KEYS = ("D", "d", "distortion_coefficients", "Distortion_Coefficients", "distortion_coeffs",
+             "distortion_coeff", "dist_coeffs", "dist_coeff", "dist_coefs", "distCoeffs",
+             "distortionCoefficients", "dist", "distortion", "coeffs")  # fmt: skip
 OWN_LIST_KEYS = ("data", "coefficients", *LIST_KEYS)  # in a mapping below one of LIST_KEYS
 NAMED = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 NAMED_FISHEYE = ("k1", "k2", "k3", "k4")

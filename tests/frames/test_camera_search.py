@@ -142,3 +142,13 @@ def test_a_file_of_several_cameras_is_described_as_such(bare: Path) -> None:
     (bare / "intrinsics.json").write_text(json.dumps(content))
     with pytest.raises(FormatError, match=r"holds the cameras color, depth; give that"):
         find_frames(bare)[0].read()
+
+
+@pytest.mark.parametrize("suffix", [".json", ".xml", ".txt"])
+def test_labels_of_many_frames_do_not_hide_a_camera_with_another_suffix(
+    bare: Path, suffix: str
+) -> None:
+    for i in range(MOST_FILES + 1):
+        (bare / f"labels_{i}{suffix}").write_text("{}")
+    (bare / "lens.yaml").write_text(json.dumps(NAMED))
+    assert find_camera_file(bare, "0") == bare / "lens.yaml"

@@ -95,7 +95,7 @@ def where_a_camera_may_be(image: Path) -> str:
     if found:
         names = " and ".join(map(str, found[:MOST_NAMED]))
         return f"{advice}, or --intrinsics {found[0]}: a camera is in {names}"
-    others = [path.name for path in _small_files(image.parent, NAMED)]
+    others = [path.name for folder in folders for path in _small_files(folder, NAMED)]
     unread = f"; no camera was found in {', '.join(others[:MOST_NAMED])}" if others else ""
     known = "*_camera.json, intrinsics.json, cam_K.txt, ..."
     return f"{advice}, or put a camera file ({known}) next to it{unread}"

@@ -51,6 +51,12 @@ def test_files_of_poses_and_labels_are_not_taken_for_cameras(bare: Path) -> None
     assert "no camera was found in labels.json, pose.txt" in refusal(bare)
 
 
+def test_files_one_folder_up_that_hold_no_camera_are_named(tmp_path: Path) -> None:
+    build.pair(tmp_path / "rgb" / "0.png", tmp_path / "depth" / "0.png", 0)
+    (tmp_path / "calibration.toml").write_text("")
+    assert "no camera was found in calibration.toml" in refusal(tmp_path)
+
+
 @pytest.mark.parametrize("name", ["0.json", "0_color.json"])
 @pytest.mark.parametrize("labels", [{"shapes": []}, [1, 2], {"picture": "x" * MOST_BYTES, "fx": 1}])
 def test_labels_beside_a_frame_do_not_hide_the_folders_camera(

@@ -30,6 +30,7 @@ SYNONYMS = {
     "cx": ("cx", "_cx", "x_offset", "ppx"),
     "cy": ("cy", "_cy", "y_offset", "ppy"),
 }
+SKEW_KEYS = ("skew", "_skew")
 MATRIX_KEYS = ("cam_K", "K", "k", "intrinsic_matrix", "intrinsics_matrix", "camera_matrix",
                "Camera_Matrix", "cameraMatrix", "INTRINSICS", "intrinsics", "intrinsic",
                "mtx")  # fmt: skip
@@ -49,6 +50,7 @@ CENTRAL = (0.1, 0.9)
 # Least focal length, in sides of the image. Below it, the camera would see more than 175 degrees,
 # which no pinhole camera does: the number is in other units, such as the lens's millimetres.
 SHORTEST_LENGTH = 0.02
+MOST_SKEW = 1.0  # pixels; it moves a pixel by half as much at most
 
 
 @dataclass(frozen=True)
@@ -109,6 +111,10 @@ class CameraFile:
         if not abs(K[2, 2] - 1.0) <= 1e-6:  # written so that nan fails too
             found = f"a camera matrix with {K[2, 2]:g} in its third row and column"
             raise FormatError(path, found, "1 is expected; cameras without calibration have 0")
+        _refuse_skew(path, float(K[0, 1]))
+        if not (below := np.abs(K[[1, 2, 2], [0, 0, 1]])).max() <= MOST_SKEW:
+            found = f"a camera matrix with {below.max():g} below its diagonal"
+            raise FormatError(path, found, "0 is expected")
         fx, fy, cx, cy = (float(K[row, column]) for row, column in ((0, 0), (1, 1), (0, 2), (1, 2)))
         return cls(fx, fy, cx, cy, origin=str(path), **facts)
 
@@ -219,6 +225,7 @@ def camera_from_mapping(path: Path, content: Any) -> CameraFile:  # noqa: ANN401
         if missing:
             raise FormatError(path, f"lacks {', '.join(missing)}", FORMS)
         fx, fy, cx, cy = (float(value) for value in values.values())
+        _refuse_skew(path, float(first_stated(content, SKEW_KEYS) or 0.0))
     except (TypeError, ValueError, OverflowError) as error:
         raise FormatError(path, f"holds a value that is no number ({error})", FORMS) from error
     return CameraFile(fx, fy, cx, cy, origin=str(path), **facts)
@@ -273,6 +280,12 @@ def _camera_of(path: Path, scene: dict[str, Any], frame: str) -> Any:  # noqa: A
     if (key := frame.lstrip("0") or "0") not in scene:
         raise FormatError(path, f"lacks a camera for image {key}", "each image of rgb/ has one")
     return scene[key]
+
+
+def _refuse_skew(path: Path, skew: float) -> None:
+    if not abs(skew) <= MOST_SKEW:  # written so that nan fails too
+        expected = "rectify the images, or write 0 if they are rectified"
+        raise FormatError(path, f"describes a camera with a skew of {skew:g} pixels", expected)
 
 
 def _matrix(path: Path, stored: list[Any] | dict[str, Any]) -> Array:

@@ -177,3 +177,23 @@ def test_a_byte_order_mark_does_no_harm(
     camera = read_camera_file(tmp_path / name)
     assert (camera.fx, camera.fy, camera.cx, camera.cy) == FOUR
     assert camera.units_per_metre == units
+
+
+@pytest.mark.parametrize(("row", "column"), [(0, 1), (1, 0), (2, 0), (2, 1)])
+def test_a_matrix_with_skew_or_numbers_below_its_diagonal_is_refused(
+    tmp_path: Path, row: int, column: int
+) -> None:
+    matrix = np.array(K)
+    matrix[row, column] = 1.0  # too little to matter
+    assert CameraFile.from_matrix(tmp_path, matrix).fx == FOUR[0]
+    matrix[row, column] = -7.0
+    with pytest.raises(FormatError, match=r"skew of -7 pixels|7 below its diagonal"):
+        CameraFile.from_matrix(tmp_path, matrix)
+
+
+def test_a_skew_that_is_stated_by_its_name_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.intr").write_text(json.dumps({**NAMED, "_skew": 4.0}))
+    with pytest.raises(FormatError, match="a skew of 4 pixels; rectify the images"):
+        read_camera_file(tmp_path / "a.intr")
+    (tmp_path / "a.intr").write_text(json.dumps({**NAMED, "_skew": 0.0}))
+    assert read_camera_file(tmp_path / "a.intr").fx == FOUR[0]

@@ -26,6 +26,7 @@ from pipelines.frames.depth_checks import (
     nothing_measured,
 )
 from pipelines.frames.encodings.exr_files import read_exr
+from pipelines.frames.exif import turned_like_depth
 from pipelines.frames.lens import Distortion, Image, displacement, distorted, undistorted
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.numerics.strides import strided_at_least
@@ -151,11 +152,12 @@ def make_frame(
         found = "no intrinsics are known for this frame"
         raise FormatError(color[0], found, where_a_camera_may_be(color[0]))
     intrinsics = camera.at(width, height)
-    path, image = color[0], color[1]()
+    path = color[0]
+    image, turned = turned_like_depth(path, color[1](), height, width)
     fitted = fit_color(path, image, width, height)
     if fitted is not image:
         notes += (f"colour of {image.shape[1]}x{image.shape[0]} is resampled to the depth",)
-    notes += _close_views(measured)
+    notes += (*turned, *_close_views(measured))
     frame = Frame("", fitted, measured, intrinsics, unit, notes)
     return _without_distortion(frame, camera)
 

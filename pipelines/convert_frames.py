@@ -19,6 +19,7 @@ import numpy as np
 from pipelines.configs import ConvertFramesConfig
 from pipelines.contents import mapping_in
 from pipelines.errors import SymgraspError, ValueRangeError
+from pipelines.frames.deeper_frames import warn_of_deeper_frames
 from pipelines.frames.depth_checks import MISSING_DEPTH
 from pipelines.frames.frames import find_frames
 from pipelines.frames.rgbd import Frame, FrameSource
@@ -60,6 +61,7 @@ def run(
     """
     started, report = time.monotonic(), StageReport(STAGE)
     sources = find_frames(frames, replace(stated, trust_pickles=config.trust_pickle))
+    warn_of_deeper_frames(frames, sources)
     names = separate_names([source.name for source in sources])
     overrides = f"{stated.camera} {stated.depth_units_per_metre}"
     stamp = make_stamp(STAGE, config, inputs={"frames": _digest(sources), "overrides": overrides})

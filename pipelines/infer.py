@@ -18,6 +18,7 @@ from functools import partial
 from pipelines.configs import InferConfig
 from pipelines.dataset.chosen_frames import ALL_FRAMES, ChosenFrames
 from pipelines.errors import StaleOutputError
+from pipelines.frames.deeper_frames import warn_of_deeper_frames
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_stream import read_results
@@ -73,7 +74,9 @@ def run(
     settings = RunSettings(paths, config, seed, device, timings)
     settings.warn_of_unused_weights()
     run = InferRun(settings, stated, choice)
-    items = run.items(run.find())
+    sources = run.find()
+    warn_of_deeper_frames(paths.frames, sources)
+    items = run.items(sources)
     if not options.overwrite:
         refuse_lost_parts(run, items)
     if not options.overwrite and holds_results(paths.output) and _is_complete(run, items):

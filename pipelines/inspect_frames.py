@@ -17,6 +17,7 @@ import numpy as np
 
 from pipelines.configs import InspectConfig
 from pipelines.errors import counted
+from pipelines.frames.deeper_frames import warn_of_deeper_frames
 from pipelines.frames.frames import find_frames
 from pipelines.frames.registration import oddities
 from pipelines.frames.rgbd import Frame, FrameSource
@@ -63,6 +64,7 @@ def run(frames: Path, config: InspectConfig, *, stated: FrameOptions = NOTHING_S
     """
     started, report = time.monotonic(), StageReport(STAGE)
     sources = find_frames(frames, stated)
+    warn_of_deeper_frames(frames, sources)
     groups: dict[object, list[FrameFacts]] = {}
     for source in _spread(sources, config.max_frames):
         with report.attempting(source.name):

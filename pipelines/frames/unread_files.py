@@ -20,6 +20,7 @@ HINTS = {
     ".raw": "save raw depth as a 16-bit PNG",
     ".h5": "save each frame as PNG files, or as .npz with depth, K and rgb",
     ".hdf5": "save each frame as PNG files, or as .npz with depth, K and rgb",
+    ".npz": "the arrays of an .npz are named depth, K, and rgb (BGR) or image (RGB)",
     ".ply": "a cloud is read as an organised .pcd only",
     **dict.fromkeys((".zip", ".tar", ".gz", ".tgz", ".7z", ".bz2"), "unpack the archive"),
     **dict.fromkeys((".mp4", ".avi", ".mov"), "a video has no depth; give images"),

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipelines.errors import FormatError
+from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.frames import find_frames
 from pipelines.frames.rgbd_folder import FrameOptions
 from tests.frames.layouts import build
@@ -104,3 +104,14 @@ def test_a_member_that_is_no_array_is_reported_in_one_sentence(tmp_path: Path) -
         archive.writestr("depth", b"metres")
     with pytest.raises(FormatError, match="`depth` is no array"):
         find_frames(tmp_path)[0].read()
+
+
+def test_depth_aligned_to_the_colour_is_preferred_to_raw_depth(tmp_path: Path) -> None:
+    np.savez(tmp_path / "x.npz", depth=METRES + 1, aligned_depth=METRES, K=build.K)
+    assert np.array_equal(find_frames(tmp_path)[0].read().depth, METRES)
+
+
+def test_an_npz_with_other_keys_is_answered_with_the_keys_that_are_read(tmp_path: Path) -> None:
+    np.savez(tmp_path / "x.npz", depth=METRES, color=build.color(0), my_camera=build.K)
+    with pytest.raises(SymgraspError, match="are named depth, K, and rgb"):
+        find_frames(tmp_path)

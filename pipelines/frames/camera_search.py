@@ -1,7 +1,7 @@
 """Search for camera files next to images: by their names, else by their content."""
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from pathlib import Path
 
 from pipelines.errors import SymgraspError
@@ -47,17 +47,25 @@ def find_camera_file(folder: Path, name: str) -> Path | None:
     return own_camera_file(folder, name) or shared_camera_file(folder)
 
 
-def own_camera_file(folder: Path, name: str) -> Path | None:
-    """Return the camera file of frame `name` alone."""
-    own = (folder / f"{name}{mark}{end}" for end in OWN_CAMERA_ENDINGS for mark in "_-.")
-    found = next((path for path in own if path.is_file()), None)
+def own_camera_file(folder: Path, name: str, listed: Container[str] | None = None) -> Path | None:
+    """Return the camera file of frame `name` alone.
+
+    `listed`: all names in `folder`, if known; then only existing files are looked at.
+    """
+
+    def is_there(file: str) -> bool:
+        return (listed is None or file.partition("/")[0] in listed) and (folder / file).is_file()
+
+    own = (f"{name}{mark}{end}" for end in OWN_CAMERA_ENDINGS for mark in "_-.")
+    found = next(filter(is_there, own), None)
     if found is not None:
-        return found
-    plain, in_meta = folder / f"{name}.json", folder / "meta" / f"{name}.mat"  # GraspNet's meta/
+        return folder / found
+    plain, in_meta = f"{name}.json", f"meta/{name}.mat"  # GraspNet's meta/
     # A NAME.json may hold labels, with a picture as text, instead of a camera.
-    if plain.is_file() and plain.stat().st_size <= MOST_BYTES and may_hold_camera(plain):
-        return plain
-    return in_meta if in_meta.is_file() else None
+    is_small = is_there(plain) and (folder / plain).stat().st_size <= MOST_BYTES
+    if is_small and may_hold_camera(folder / plain):
+        return folder / plain
+    return folder / in_meta if is_there(in_meta) else None
 
 
 def shared_camera_file(folder: Path) -> Path | None:

@@ -114,6 +114,25 @@ def test_a_listing_looks_at_few_of_many_files_and_splits_each_name_once(
     assert rgbd_folder._word_and_rest.cache_info().misses == misses
 
 
+def test_camera_files_that_are_not_there_are_not_looked_for_frame_by_frame(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for i in range(9):
+        build.pair(tmp_path / f"{i}_color.png", tmp_path / f"{i}_depth.png", i)
+    (tmp_path / "camera.json").write_text(json.dumps(NAMED))
+    (tmp_path / "8_camera.json").write_text(json.dumps(NAMED))
+    looked, stat = [], Path.stat
+
+    def counted(path: Path, **options: bool) -> os.stat_result:
+        looked.append(path.name)
+        return stat(path, **options)
+
+    monkeypatch.setattr(Path, "stat", counted)
+    sources = find_frames(tmp_path)
+    assert [source.files[2].name for source in sources][7:] == ["camera.json", "8_camera.json"]
+    assert not {"0_camera.json", "0_color_camera.json", "0.mat", "0.json"} & set(looked)
+
+
 @pytest.mark.skipif(not CASE.exists(), reason="needs ../shared/cases")
 def test_the_shared_camera_info_is_read() -> None:
     frame = find_frames(CASE)[0].read()

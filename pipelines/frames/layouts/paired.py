@@ -1,7 +1,7 @@
 """Layouts of a colour and a depth image per frame, distinguished by their camera files."""
 
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
@@ -43,15 +43,20 @@ class Pairing:
         found = (path for marker in self.markers for path in folder.glob(marker))
         return any(not self.key or _holds(path, self.key) for path in found)
 
-    def camera_file(self, folder: Path, pair: ImagePair, shared: Path | None) -> Path | None:
-        """Return the camera file of a pair: the layout's, else the pair's, else the folder's."""
+    def camera_file(
+        self, folder: Path, pair: ImagePair, shared: Path | None, listed: Container[str]
+    ) -> Path | None:
+        """Return the camera file of a pair: the layout's, else the pair's, else the folder's.
+
+        `listed`: all names in `folder`.
+        """
         usual = (folder / name.format(stem=pair.stem) for name in self.cameras)
         found = next((path for path in usual if path.is_file()), None)
         # image_color.png is a frame without a name, whose camera is image_camera.json.
         first = pair.color and pair.color.stem.partition("_")[0]
         images = (each and each.stem for each in (pair.color, pair.depth))
         for stem in (pair.stem or first, *images):
-            found = found or (own_camera_file(folder, stem) if stem else None)
+            found = found or (own_camera_file(folder, stem, listed) if stem else None)
         return found or shared
 
     def find(self, folder: Path, options: FrameOptions) -> Iterator[FoundFrame]:
@@ -59,9 +64,11 @@ class Pairing:
         if not self.is_in(folder):
             return
         pairs = sorted(self.pairs(folder), key=lambda pair: pair.stem)
-        shared = shared_camera_file(folder) if pairs else None
+        if not pairs:
+            return
+        shared, listed = shared_camera_file(folder), {path.name for path in folder.iterdir()}
         for pair in pairs:
-            camera = self.camera_file(folder, pair, shared)
+            camera = self.camera_file(folder, pair, shared, listed)
             read = functools.partial(read_paired, pair, camera, options)
             files = (pair.color, pair.depth, camera)
             yield FoundFrame(pair.stem, read, files, is_whole=pair.is_whole)

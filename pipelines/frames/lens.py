@@ -8,6 +8,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -37,6 +38,7 @@ OTHER_MODELS = re.compile(r"^distortion\.|fish|prism|radial|fov|omni|sphere|unif
 LIST_KEYS = ("D", "d", "distortion_coefficients", "Distortion_Coefficients", "distortion_coeffs",
              "distortion_coeff", "dist_coeffs", "dist_coeff", "dist_coefs", "distCoeffs",
              "distortionCoefficients", "dist", "distortion", "coeffs")  # fmt: skip
+OTHER_KEYS = re.compile(r"distort|dist_?co|dist_?param|radial|tangential", re.IGNORECASE)
 OWN_LIST_KEYS = ("data", "coefficients", *LIST_KEYS)  # in a mapping below one of LIST_KEYS
 NAMED = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 NAMED_FISHEYE = ("k1", "k2", "k3", "k4")
@@ -89,7 +91,18 @@ def distortion_in(path: Path, content: Mapping[str, Any]) -> Distortion:
     if model in SIZES and values.size > SIZES[model][-1]:
         found = f"has {values.size} distortion coefficients of the model {model}"
         raise FormatError(path, found, f"at most {SIZES[model][-1]} are expected")
-    return Distortion(model, tuple(values.tolist())) if values.size else NO_DISTORTION
+    return Distortion(model, tuple(values.tolist())) if values.size else _unread(content)
+
+
+def _unread(content: Mapping[str, Any]) -> Distortion:
+    """Return distortion whose key is named after it but is not read, as of an unknown model."""
+    for key, stored in content.items():
+        if OTHER_KEYS.search(key) and key not in LIST_KEYS and isinstance(stored, list):
+            rows = (each if isinstance(each, list) else [each] for each in stored)
+            numbers = (each for each in chain.from_iterable(rows) if isinstance(each, int | float))
+            if coefficients := tuple(filter(None, numbers)):
+                return Distortion(key, coefficients)
+    return NO_DISTORTION
 
 
 def _model(content: Mapping[str, Any]) -> str:

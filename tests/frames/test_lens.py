@@ -196,6 +196,20 @@ def test_an_unknown_model_is_reported() -> None:
     assert frame.notes == ("the lens distortion is of the unknown model fov and stays",)
 
 
+@pytest.mark.parametrize("values", [[0.1, -0.2], [[0.1], [-0.2]]])
+def test_distortion_under_a_name_that_is_not_read_is_reported(
+    tmp_path: Path, values: list[object]
+) -> None:
+    build.flat(tmp_path)
+    for path in tmp_path.glob("*.json"):
+        path.write_text(json.dumps(NAMED | {"radial_distortion": values}))
+    note = "the lens distortion is of the unknown model radial_distortion and stays"
+    assert find_frames(tmp_path)[0].read().notes == (note,)
+    for path in tmp_path.glob("*.json"):
+        path.write_text(json.dumps(NAMED | {"radial_distortion": [0, 0.0]}))
+    assert find_frames(tmp_path)[0].read().notes == ()
+
+
 def test_every_layout_with_a_camera_file_is_undistorted(tmp_path: Path) -> None:
     build.nerfstudio(tmp_path / "n")
     build.flat(tmp_path / "f")

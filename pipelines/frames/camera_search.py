@@ -1,5 +1,6 @@
 """Search for camera files next to images: by their names, else by their content."""
 
+import re
 from collections import Counter
 from collections.abc import Container, Iterator
 from pathlib import Path
@@ -36,6 +37,9 @@ OWN_CAMERA_ENDINGS = ("camera.json", "intrinsics.json", "meta.mat")
 # Suffixes of other files that may hold a camera, and of files that are only named to the user.
 READ = (".json", ".yaml", ".yml", ".intr", ".txt", ".csv", ".xml", ".npy")
 NAMED = (*READ, ".ini", ".cfg", ".conf", ".toml", ".mat")
+TEXTS = (".txt", ".csv")
+CAMERA_WORDS = re.compile("cam|intrin|calib|lens|^K", re.IGNORECASE)
+FOUR_NUMBERS = re.compile(r"\s*(?:[\d.eE+-]+[\s,;]+){3}[\d.eE+-]+\s*")
 MOST_FILES = 20  # of one suffix in a folder; more files are poses or labels, one per frame
 MOST_BYTES = 100_000
 MOST_NAMED = 3  # files in a sentence
@@ -91,8 +95,16 @@ def cameras_in(folder: Path) -> Iterator[tuple[Path, CameraFile]]:
         except SymgraspError:
             continue
         center = min(camera.cx, camera.cy)
-        if min(camera.fx, camera.fy) >= SHORTEST and center >= LEAST_CENTER:
+        is_large = min(camera.fx, camera.fy) >= SHORTEST and center >= LEAST_CENTER
+        if is_large and not _may_be_a_box(path):
             yield path, camera
+
+
+def _may_be_a_box(path: Path) -> bool:
+    """Return whether a file holds four bare numbers, such as a box, under no name of a camera."""
+    if path.suffix.lower() not in TEXTS or CAMERA_WORDS.search(path.stem):
+        return False
+    return FOUR_NUMBERS.fullmatch(path.read_text(encoding="utf-8", errors="replace")) is not None
 
 
 def where_a_camera_may_be(image: Path) -> str:

@@ -177,3 +177,14 @@ def test_labels_of_many_frames_do_not_hide_a_camera_with_another_suffix(
         (bare / f"labels_{i}{suffix}").write_text("{}")
     (bare / "lens.yaml").write_text(json.dumps(NAMED))
     assert find_camera_file(bare, "0") == bare / "lens.yaml"
+
+
+@pytest.mark.parametrize("name", ["bbox.txt", "crop.csv"])
+def test_four_bare_numbers_are_a_camera_only_under_a_name_of_one(bare: Path, name: str) -> None:
+    (bare / name).write_text("60, 61, 23.5, 17.5\n")
+    assert f"no camera was found in {name}" in refusal(bare)
+    (bare / name).rename(bare / f"my_camera_{name}")
+    assert find_frames(bare)[0].read().intrinsics.fx == build.FOUR[0]
+    (bare / f"my_camera_{name}").rename(bare / name)
+    (bare / name).write_text("fx=60 fy=61 cx=23.5 cy=17.5\n")
+    assert find_frames(bare)[0].read().intrinsics.fx == build.FOUR[0]

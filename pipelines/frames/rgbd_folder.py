@@ -21,7 +21,7 @@ ENDING = re.compile(rf"(.+)[-_.]({WORD})", re.IGNORECASE)
 BEGINNING = re.compile(rf"({WORD})(?:[-_.]|(?=\d+(?:[-_.]|$)))(.+)", re.IGNORECASE)  # also color0
 # Depth registered to the colour, as tools of RealSense, Azure Kinect and ROS name it.
 TO_COLOR = r"[-_.]?to[-_.]?(?:colou?r|rgb)"
-ALIGNED = re.compile(
+ALIGNED_DEPTH = re.compile(
     rf"(?<![a-z])(?:aligned|registered|transformed)[-_.]?depth(?:{TO_COLOR})?"
     rf"|depth(?:[-_.]?(?:aligned|registered|transformed)(?:{TO_COLOR})?|{TO_COLOR})(?![a-z])",
     re.IGNORECASE,
@@ -142,7 +142,7 @@ def _aligned_alone(depths: list[Path]) -> list[Path]:
 
     Raw depth next to aligned depth has another view than the colour.
     """
-    return [path for path in depths if ALIGNED.search(path.stem)] or depths
+    return [path for path in depths if ALIGNED_DEPTH.search(path.stem)] or depths
 
 
 def _is_fact(stem: str, depths: Sequence[Path]) -> bool:
@@ -206,7 +206,7 @@ def _without_word(stem: str, words: tuple[str, ...]) -> str | None:
 @lru_cache(maxsize=1 << 16)  # `infer --watch` lists the same folder again and again
 def _word_and_rest(stem: str) -> tuple[str, str]:
     """Return the word that ends or begins `stem`, in lower case, and the rest; "" for no word."""
-    stem = ALIGNED.sub("depth", stem)
+    stem = ALIGNED_DEPTH.sub("depth", stem)
     if alone := ALONE.fullmatch(stem):
         return next(filter(None, alone.groups())).lower(), ""
     if ending := ENDING.fullmatch(stem):
@@ -219,7 +219,7 @@ def _without_inner_word(stem: str, words: tuple[str, ...]) -> str | None:
     """Return `stem` without the word between others; None if the word is at an end or missing."""
     if _word_and_rest(stem)[0]:
         return None
-    stem = ALIGNED.sub("depth", stem)
+    stem = ALIGNED_DEPTH.sub("depth", stem)
     found = re.fullmatch(rf"(.+[-_.])({'|'.join(words)})[-_.](.+)", stem, re.IGNORECASE)
     return None if found is None else f"{found[1]}{found[3]}"
 
@@ -233,7 +233,7 @@ def sister_pairs(folder: Path, suffix: str = "") -> list[ImagePair]:
     color_folder = _sister(folder, COLOR_FOLDERS, suffix)
     if color_folder is None:
         return []
-    aligned = sorted(path for path in folder.iterdir() if ALIGNED.fullmatch(path.name))
+    aligned = sorted(path for path in folder.iterdir() if ALIGNED_DEPTH.fullmatch(path.name))
     depth_folder = next(
         (path for path in aligned if path.is_dir() and not suffix),
         _sister(folder, ("depth",), suffix),

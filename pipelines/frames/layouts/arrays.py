@@ -24,7 +24,7 @@ from pipelines.frames.camera_files import CameraFile, camera_from_mapping, units
 from pipelines.frames.encodings.plain_pickle import read_plain_pickle
 from pipelines.frames.layouts.layout import FoundFrame, Layout
 from pipelines.frames.rgbd import Frame, make_frame
-from pipelines.frames.rgbd_folder import ALIGNED, FrameOptions
+from pipelines.frames.rgbd_folder import ALIGNED_DEPTH, FrameOptions
 from pipelines.storage.array_files import DAMAGED, read_npz
 from pipelines.storage.files import existing
 
@@ -95,7 +95,7 @@ def frame_of_arrays(path: Path, arrays: dict[str, NDArray[Any]], options: FrameO
         kind = "a point cloud" if set(CLOUD_KEYS) & set(arrays) else f"{sorted(arrays)}"
         raise FormatError(path, f"holds {kind} without a depth image", "add the array `depth`")
     notes: tuple[str, ...] = ()
-    depth = arrays[next((key for key in arrays if ALIGNED.fullmatch(key)), "depth")]
+    depth = arrays[next((key for key in arrays if ALIGNED_DEPTH.fullmatch(key)), "depth")]
     key = next((key for key in ("rgb", "image") if key in arrays), None)
     if key is None:
         notes = ("has no colour (rgb or image); grey is taken",)

@@ -289,7 +289,7 @@ def test_workers_of_ray_write_the_same_bytes_and_end_with_a_killed_owner(frames,
         children = psutil.Process(owner.pid).children(recursive=True)
         assert len(children) > 3
         owner.kill()
-    _, left = psutil.wait_procs(children, timeout=20)
+    _, left = psutil.wait_procs(children, timeout=60)
     assert not left
     assert output.read_bytes() == alone
     assert {read_json(tmp_path / f"{name}.json")["gpus"] for name in "ab"} == {"all"}

@@ -131,7 +131,7 @@ class TrainingRun:
             raise TrainingStopped(
                 reason,
                 f"after {counted(self.progress.total_steps, 'step')}; "
-                f"{file_of_run(self.output, CHECKPOINT)} holds them, --resume continues",
+                f"{file_of_run(self.output, CHECKPOINT)} holds the training, --resume continues",
             )
         return self.progress
 

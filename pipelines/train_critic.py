@@ -144,7 +144,9 @@ def _warn_of_shared_objects(
             log.warning(
                 "%d of the %d objects of %s are trained on too: the calibration is too confident; "
                 "give a --calibrate with other objects",
-                *(shared, len(own), root),
+                shared,
+                len(own),
+                root,
             )
 
 

@@ -165,8 +165,8 @@ def incomplete_notes(simulated: Mapping[str, Mapping[str, Any]]) -> dict[str, st
     """Return a note for each row whose rates, as `read_successes` gives them, lack scenes."""
     notes = {}
     for row, content in simulated.items():
-        failed = mapping_in(content, "failed")
-        for name, why in list(failed.items())[:1]:
+        if failed := mapping_in(content, "failed"):
+            name, why = next(iter(failed.items()))
             notes[f"success of {row}"] = (
                 f"the rates lack what failed in `simulate`, {len(failed)} of its scenes and "
                 f"models, for example {name}: {why}"

@@ -34,15 +34,8 @@ SKEW_KEYS = ("skew", "_skew")
 MATRIX_KEYS = ("cam_K", "K", "k", "intrinsic_matrix", "intrinsics_matrix", "camera_matrix",
                "Camera_Matrix", "cameraMatrix", "INTRINSICS", "intrinsics", "intrinsic",
                "mtx")  # fmt: skip
-MAPPINGS = (
-    ".json",
-    ".intr",
-    ".yml",
-    ".yaml",
-    ".txt",
-    ".csv",
-    ".xml",
-)  # suffixes of files with keys
+# Suffixes of files with keys.
+MAPPINGS = (".json", ".intr", ".yml", ".yaml", ".txt", ".csv", ".xml")
 ORB_SLAM = ("Camera.", "Camera1.")
 FORMS = "fx, fy, cx, cy or a 3x3 matrix (cam_K, K, intrinsic_matrix) is expected"
 # A principal point this near the border means intrinsics of another image size.

@@ -32,8 +32,8 @@ def warn_of_deeper_frames(frames: Path, sources: Sequence[FrameSource]) -> None:
         names = ", ".join(map(str, unread[:MOST_NAMED]))
         more = f" and {len(unread) - MOST_NAMED} more folders" if len(unread) > MOST_NAMED else ""
         log.warning(
-            "the frames in %s%s are not read: a folder above holds frames too, and is not searched "
-            "further down; name these folders themselves, or move the frames above to one",
+            "the frames in %s%s are not read, because a folder above holds frames; run the command "
+            "on each of these folders too",
             names,
             more,
         )

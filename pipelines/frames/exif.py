@@ -37,7 +37,7 @@ def turned_like_depth(
 
 
 def _orientation(path: Path) -> int:
-    """Return the orientation that the picture in `path` is marked with; 1 without a mark."""
+    """Return the orientation that the picture in `path` is marked with; 1 without a whole mark."""
     if path.suffix.lower() not in MARKED:
         return UPRIGHT
     try:

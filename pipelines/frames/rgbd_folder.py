@@ -4,28 +4,22 @@ import os
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from operator import attrgetter
 from pathlib import Path
 
 from pipelines.frames.camera_files import CameraFile, read_camera_file, read_units
+from pipelines.frames.image_names import (
+    ALIGNED_DEPTH,
+    COLOR_WORDS,
+    without_inner_word,
+    without_word,
+    word_and_rest,
+)
 from pipelines.frames.rgbd import DepthUnits, Frame, read_pair
 from pipelines.frames.stated_units import check_units
 
 COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".exr")
-COLOR_WORDS = ("color", "colour", "rgb")
-WORD = "|".join((*COLOR_WORDS, "depth"))
-ALONE = re.compile(rf"({WORD})(?:_image)?|image_({WORD})", re.IGNORECASE)
-ENDING = re.compile(rf"(.+)[-_.]({WORD})", re.IGNORECASE)
-BEGINNING = re.compile(rf"({WORD})(?:[-_.]|(?=\d+(?:[-_.]|$)))(.+)", re.IGNORECASE)  # also color0
-# Depth registered to the colour, as tools of RealSense, Azure Kinect and ROS name it.
-TO_COLOR = r"[-_.]?to[-_.]?(?:colou?r|rgb)"
-ALIGNED_DEPTH = re.compile(
-    rf"(?<![a-z])(?:aligned|registered|transformed)[-_.]?depth(?:{TO_COLOR})?"
-    rf"|depth(?:[-_.]?(?:aligned|registered|transformed)(?:{TO_COLOR})?|{TO_COLOR})(?![a-z])",
-    re.IGNORECASE,
-)
 COLOR_FOLDERS = ("rgb", "color", "image", "images", "gray")
 UNREAD_IMAGE_SUFFIXES = (".jpg", ".jpeg", ".bmp", ".webp", ".ppm", ".pgm", ".gif", ".heic", ".raw")
 # Rests of the names of arrays that hold facts about the images, such as depth_scale.npy.
@@ -128,7 +122,7 @@ def flat_pairs(folder: Path) -> list[ImagePair]:
     colors = {
         stem: paths
         for stem, paths in colors.items()
-        if stem in depths or _without_word(stem, ("depth",)) is None
+        if stem in depths or without_word(stem, ("depth",)) is None
     }
     if "" in depths and "" not in colors:
         plain = next((path for path in files if path.stem == "image"), None)
@@ -183,7 +177,7 @@ def _by_stem(
     With `words` None the whole name counts. `within`: the word is between other words instead of
     at an end.
     """
-    without = _without_inner_word if within else _without_word
+    without = without_inner_word if within else without_word
     found: ImageFiles = {}
     ordered = [path for path in files if path.suffix.lower() in suffixes]
     ordered.sort(key=lambda path: (suffixes.index(path.suffix.lower()), path.name))
@@ -192,36 +186,6 @@ def _by_stem(
         if stem is not None:
             found.setdefault(stem, []).append(path)
     return found
-
-
-def _without_word(stem: str, words: tuple[str, ...]) -> str | None:
-    """Return `stem` without the word that ends or begins it, None if that is none of `words`.
-
-    The last word decides: rgb_1_depth is the depth of rgb_1, and no colour image.
-    """
-    word, rest = _word_and_rest(stem)
-    return rest if word in words else None
-
-
-@lru_cache(maxsize=1 << 16)  # `infer --watch` lists the same folder again and again
-def _word_and_rest(stem: str) -> tuple[str, str]:
-    """Return the word that ends or begins `stem`, in lower case, and the rest; "" for no word."""
-    stem = ALIGNED_DEPTH.sub("depth", stem)
-    if alone := ALONE.fullmatch(stem):
-        return next(filter(None, alone.groups())).lower(), ""
-    if ending := ENDING.fullmatch(stem):
-        return ending[2].lower(), ending[1]
-    beginning = BEGINNING.fullmatch(stem)
-    return (beginning[1].lower(), beginning[2]) if beginning else ("", "")
-
-
-def _without_inner_word(stem: str, words: tuple[str, ...]) -> str | None:
-    """Return `stem` without the word between others; None if the word is at an end or missing."""
-    if _word_and_rest(stem)[0]:
-        return None
-    stem = ALIGNED_DEPTH.sub("depth", stem)
-    found = re.fullmatch(rf"(.+[-_.])({'|'.join(words)})[-_.](.+)", stem, re.IGNORECASE)
-    return None if found is None else f"{found[1]}{found[3]}"
 
 
 def sister_pairs(folder: Path, suffix: str = "") -> list[ImagePair]:
@@ -252,7 +216,7 @@ def _without_words(files: ImageFiles, words: tuple[str, ...]) -> ImageFiles:
     """Map the rest of the names, without a word that ends or begins them, to the files."""
     found: ImageFiles = {}
     for stem, paths in files.items():
-        rest = _without_word(stem, words)
+        rest = without_word(stem, words)
         found.setdefault(stem if rest is None else rest, []).extend(paths)
     return found
 
@@ -270,7 +234,7 @@ def unread_partner(image: Path, missing: str) -> Path | None:
     Its suffix is not read, or it is a broken link or a folder.
     """
     words, folders = (("depth",),) * 2 if missing == "depth" else (COLOR_WORDS, COLOR_FOLDERS)
-    word = _word_and_rest(image.stem)[0]
+    word = word_and_rest(image.stem)[0]
     at = image.stem.lower().rfind(word)
     head, tail = image.stem[:at], image.stem[at + len(word) :]
     places = [image.parent / f"{head}{each}{tail}" for each in words if word]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pipelines.errors import FormatError
-from pipelines.frames import camera_search, rgbd_folder
+from pipelines.frames import camera_search, image_names
 from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.camera_search import MOST_BYTES, MOST_FILES, find_camera_file
 from pipelines.frames.frames import find_frames
@@ -101,7 +101,7 @@ def test_a_listing_looks_at_few_of_many_files_and_splits_each_name_once(
     for i in range(3 * MOST_FILES):
         (bare / f"labels_{i}.json").write_text("{}")
     find_frames(bare)
-    misses, looked, stat = rgbd_folder._word_and_rest.cache_info().misses, list[str](), Path.stat
+    misses, looked, stat = image_names.word_and_rest.cache_info().misses, list[str](), Path.stat
 
     def counted(path: Path, **options: bool) -> os.stat_result:
         looked.append(path.name)
@@ -111,7 +111,7 @@ def test_a_listing_looks_at_few_of_many_files_and_splits_each_name_once(
     camera_search.shared_camera_file(bare)
     assert sum(name.startswith("labels_") for name in looked) <= 2 * (MOST_FILES + 1)
     find_frames(bare)
-    assert rgbd_folder._word_and_rest.cache_info().misses == misses
+    assert image_names.word_and_rest.cache_info().misses == misses
 
 
 def test_camera_files_that_are_not_there_are_not_looked_for_frame_by_frame(

@@ -2,6 +2,7 @@
 
 import re
 from functools import lru_cache
+from pathlib import Path
 
 COLOR_WORDS = ("color", "colour", "rgb")
 WORD = "|".join((*COLOR_WORDS, "depth"))
@@ -45,3 +46,9 @@ def without_inner_word(stem: str, words: tuple[str, ...]) -> str | None:
     stem = ALIGNED_DEPTH.sub("depth", stem)
     found = re.fullmatch(rf"(.+[-_.])({'|'.join(words)})[-_.](.+)", stem, re.IGNORECASE)
     return None if found is None else f"{found[1]}{found[3]}"
+
+
+def is_aligned(color: Path, depth: Path) -> bool:
+    """Return whether the depth is aligned to the colour, by the name of its file or own folder."""
+    folder = depth.parent.name if depth.parent != color.parent else ""
+    return any(ALIGNED_DEPTH.search(name) for name in (depth.stem, folder))

@@ -1,7 +1,7 @@
 """ScanNet's export: colour and depth from one viewpoint, each with its own camera.
 
 The ratio of their sizes is no whole number (1296x968 to 640x480), so colour is sampled along the
-ray of each depth pixel.
+ray of each depth pixel. Depth that is aligned to the colour has the camera of the colour.
 """
 
 import functools
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.frames.camera_files import CameraFile, read_camera_file
+from pipelines.frames.image_names import is_aligned
 from pipelines.frames.layouts.layout import FoundFrame, Layout
 from pipelines.frames.layouts.paired import read_paired
 from pipelines.frames.rgbd import Frame, make_frame, read_color, stored_depth
@@ -43,7 +44,12 @@ def seen_by(color: NDArray[np.uint8], camera: CameraFile, other: Intrinsics) -> 
 
 
 def _read(pair: ImagePair, cameras: tuple[Path, Path], options: FrameOptions) -> Frame:
-    if pair.rivals or pair.color is None or pair.depth is None or not cameras[1].is_file():
+    has_color = cameras[1].is_file()
+    if pair.rivals or pair.color is None or pair.depth is None:
+        return read_paired(pair, None, options)
+    if is_aligned(pair.color, pair.depth):
+        return read_paired(pair, cameras[1] if has_color else None, options)
+    if not has_color:
         return read_paired(pair, cameras[0], options)
     color, depth = read_color(pair.color), stored_depth(pair.depth)
     camera = options.camera or read_camera_file(cameras[0])

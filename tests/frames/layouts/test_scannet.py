@@ -54,3 +54,19 @@ def test_pixels_outside_the_colour_camera_are_black() -> None:
     color = np.full((36, 48, 3), 200, np.uint8)
     far = CameraFile(60.0, 60.0, 500.0, 500.0)
     assert not seen_by(color, far, Intrinsics(*build.FOUR, 48, 36)).any()
+
+
+def test_depth_aligned_to_the_colour_has_the_camera_of_the_colour(tmp_path: Path) -> None:
+    build.scannet(tmp_path)
+    full = np.diag([70.0, 71.0, 1.0, 1.0])
+    full[:2, 2] = 22.0, 16.0
+    np.savetxt(tmp_path / "intrinsic/intrinsic_color.txt", full)
+    (tmp_path / "depth").rename(tmp_path / "aligned_depth")
+    (tmp_path / "depth").mkdir()
+    for i in range(build.COUNT):
+        build.image(tmp_path / f"depth/{i}.png", np.full((36, 48), 500, np.uint16))
+    source = find_frames(tmp_path)[0]
+    assert source.read().intrinsics == Intrinsics(70.0, 71.0, 22.0, 16.0, 48, 36)
+    (tmp_path / "intrinsic/intrinsic_color.txt").unlink()
+    with pytest.raises(FormatError, match="no intrinsics are known"):
+        find_frames(tmp_path)[0].read()

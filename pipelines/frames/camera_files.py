@@ -14,7 +14,11 @@ from numpy.typing import NDArray
 
 from pipelines.array_types import Array
 from pipelines.errors import FormatError, SymgraspError, ValueRangeError
-from pipelines.frames.encodings.camera_texts import read_camera_text, read_camera_xml
+from pipelines.frames.encodings.camera_texts import (
+    PIXEL_CENTER,
+    read_camera_text,
+    read_camera_xml,
+)
 from pipelines.frames.encodings.yaml_files import read_yaml
 from pipelines.frames.graspnet_scene import read_meta
 from pipelines.frames.lens import NO_DISTORTION, Distortion, distortion_in
@@ -218,6 +222,8 @@ def camera_from_mapping(path: Path, content: Any) -> CameraFile:  # noqa: ANN401
         if missing:
             raise FormatError(path, f"lacks {', '.join(missing)}", FORMS)
         fx, fy, cx, cy = (float(value) for value in values.values())
+        if "fl_x" in content:  # of nerfstudio and instant-ngp, whose pixels are those of COLMAP
+            cx, cy = cx - PIXEL_CENTER, cy - PIXEL_CENTER
         _refuse_skew(path, float(first_stated(content, SKEW_KEYS) or 0.0))
     except (TypeError, ValueError, OverflowError) as error:
         raise FormatError(path, f"holds a value that is no number ({error})", FORMS) from error

@@ -1,4 +1,7 @@
-"""nerfstudio: `transforms.json` names the colour and depth image of each frame; millimetres."""
+"""nerfstudio: `transforms.json` names the colour and depth image of each frame; millimetres.
+
+instant-ngp names the depth `depth_path`, and may leave out the suffix of the colour, `.png`.
+"""
 
 import functools
 from collections.abc import Iterator, Mapping
@@ -10,10 +13,12 @@ from pipelines.frames.camera_files import camera_from_mapping, units_of
 from pipelines.frames.layouts.layout import FoundFrame, Layout
 from pipelines.frames.rgbd import Frame, read_pair
 from pipelines.frames.rgbd_folder import FrameOptions
+from pipelines.frames.stated_sizes import first_stated
 from pipelines.frames.stated_units import DEPTH_KEYS
 from pipelines.storage.files import is_file, read_json
 
 INDEX = "transforms.json"
+DEPTH_PATHS = ("depth_file_path", "depth_path")
 MODELS = ("OPENCV", "OPENCV_FISHEYE", "PINHOLE", "SIMPLE_PINHOLE", "PERSPECTIVE")
 CAMERA_KEYS = ("fl_x", "fl_y", "cx", "cy", "w", "h", "k1", "k2", "k3", "k4", "p1", "p2")
 KEYS = (*CAMERA_KEYS, *DEPTH_KEYS)  # `scale` is that of the scene
@@ -37,7 +42,8 @@ def _find(folder: Path, options: FrameOptions) -> Iterator[FoundFrame]:
     stems = [Path(frame["file_path"]).stem for frame in frames]
     is_unique = len(set(stems)) == len(stems)
     for frame, stem in zip(frames, stems, strict=True):
-        color, depth = (folder / frame[key] for key in ("file_path", "depth_file_path"))
+        color, depth = (folder / path for path in _paths(frame) if path)
+        color = color if color.suffix else Path(f"{color}.png")
         name = stem if is_unique else str(Path(frame["file_path"]).parent / stem)
         camera = {key: frame.get(key, content.get(key)) for key in KEYS}
         camera["camera_model"] = content.get("camera_model", "OPENCV")
@@ -46,11 +52,15 @@ def _find(folder: Path, options: FrameOptions) -> Iterator[FoundFrame]:
         yield FoundFrame(name, read, (*files, index))
 
 
+def _paths(frame: dict[str, Any]) -> tuple[Any, Any]:
+    """Return the paths of the colour and the depth image as stated."""
+    return frame.get("file_path"), first_stated(frame, DEPTH_PATHS)
+
+
 def _has_depth(frame: Any) -> bool:  # noqa: ANN401 - JSON of any form
     if not isinstance(frame, dict):
         return False
-    paths = (frame.get("file_path"), frame.get("depth_file_path"))
-    return all(isinstance(path, str) and path and "\0" not in path for path in paths)
+    return all(isinstance(path, str) and path and "\0" not in path for path in _paths(frame))
 
 
 def _read(

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from numpy.testing import assert_allclose
 
 from pipelines.errors import FormatError
 from pipelines.frames.frames import find_frames
@@ -71,3 +72,22 @@ def test_frames_of_one_damaged_name_are_two_frames(edit) -> None:
 
     folder = edit(nameless)
     assert [s.name for s in find_frames(folder)] == [folder.name, f"{folder.name}-2"]
+
+
+def test_frames_of_instant_ngp_are_read(edit) -> None:
+    def renamed(content: dict[str, Any]) -> None:
+        content["integer_depth_scale"] = 1 / 2000
+        for frame in content["frames"]:
+            frame["depth_path"] = frame.pop("depth_file_path")
+            frame["file_path"] = frame["file_path"].removesuffix(".png")
+
+    frames = [source.read() for source in find_frames(edit(renamed))]
+    assert [frame.name for frame in frames] == ["0", "1"]
+    assert_allclose(frames[1].depth, build.depth(1) / 2000, atol=1e-6)
+
+
+def test_images_without_depth_have_the_camera_of_transforms(edit) -> None:
+    folder = edit(lambda content: content.update(frames=[]))
+    build.pair(folder / "0_color.png", folder / "0_depth.png", 0)
+    camera = find_frames(folder)[0].read().intrinsics
+    assert (camera.fx, camera.fy, camera.cx, camera.cy) == build.FOUR

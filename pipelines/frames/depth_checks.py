@@ -38,6 +38,12 @@ MISSING_DEPTH = 65535  # saturated in 16-bit files of several sensors
 REPEATED, APART = 0.01, 1.2
 COARSE = 0.015  # of the depth: steps between neighbouring values; sensors have 0.003 at 1 m
 
+# SUN RGB-D rotates the bits of millimetres by 3, Kinect's first SDK shifts them: all numbers are
+# multiples of 8 then. Depth of fewer values may be so by chance.
+ROTATED_BITS, MULTIPLES, FEWEST_VALUES = 3, 0.95, 100
+# A depth buffer's numbers are 1 - near/z for a far plane far away; a near plane is some cm away.
+BUFFER_START, BUFFER_QUANTILE = 0.9, 0.02
+
 Values = NDArray[np.float64]
 
 
@@ -97,7 +103,7 @@ def depth_oddities(depth: NDArray[np.float32], focal_length: float) -> list[str]
     Each reason is a sentence; `focal_length` is in pixels.
     """
     thinned = _thinned(depth)
-    found = _steps(thinned.depth) + _far_constant(thinned.depth)
+    found = _steps(thinned.depth) + _far_constant(thinned.depth) + _buffer(thinned.depth)
     if thinned.surface is None:
         return found
     if (swapped := _swapped(thinned)) is not None:
@@ -139,6 +145,14 @@ def _swapped(thinned: _ThinnedDepth) -> str | None:
     if flatness > FLATTER or (flatness > AS_FLAT and is_below):
         return LOOKS_INVERSE
     return SWAPPED if is_below and below > MANY_PITS * measured else None
+
+
+def has_rotated_bits(values: NDArray[np.float32]) -> bool:
+    """Return whether stored numbers are millimetres whose bits moved by 3; some are above 0."""
+    known = values[values > 0]
+    step = 2**ROTATED_BITS
+    shares = [np.count_nonzero(known % each == 0) / known.size for each in (step, 2 * step)]
+    return shares[0] >= MULTIPLES > shares[1] and len(np.unique(known)) >= FEWEST_VALUES
 
 
 def nothing_measured(stored: NDArray[Any]) -> tuple[str, str]:
@@ -184,6 +198,18 @@ def _steps(depth: Values) -> list[str]:
     if step < COARSE * float(around.mean()):
         return []
     return [f"the depth changes in steps of {1000 * step:.0f} mm, like depth saved with 8 bits"]
+
+
+def _buffer(depth: Values) -> list[str]:
+    """Return a sentence if depth lies in the last tenth below 1, as in a depth buffer."""
+    known = depth[depth > 0]
+    are_many = len(np.unique(known)) >= FEWEST_VALUES
+    if not are_many or known.max() > 1.0 or np.quantile(known, BUFFER_QUANTILE) < BUFFER_START:
+        return []
+    return [
+        f"all depths are between {BUFFER_START} and 1: if they are the numbers of a depth buffer "
+        "(OpenGL, PyBullet), save far x near / (far - (far - near) x number), in metres"
+    ]
 
 
 def _flat_surface(x: Values) -> _Surface | None:

@@ -22,6 +22,7 @@ from pipelines.frames.camera_search import where_a_camera_may_be
 from pipelines.frames.depth_checks import (
     LOOKS_INVERSE,
     MISSING_DEPTH,
+    has_rotated_bits,
     is_inverse,
     nothing_measured,
 )
@@ -256,6 +257,12 @@ def _check_plausible(path: Path, values: NDArray[Any], depth: Singles, units: De
 
     Depth that is closer than most cameras measure is no fault if no common unit is likelier.
     """
+    if not units.is_stated and units.integers == DepthUnits().integers and has_rotated_bits(values):
+        found = (
+            "the numbers are multiples of 8: their bits were rotated (SUN RGB-D) or shifted by 3"
+        )
+        expected = f"rotate them back, or give {units.option} 8000 if nothing is beyond 8 m"
+        raise FormatError(path, found, expected)
     near, far = LIKELY_DEPTH
     nearest, typical = _nearest_median(depth), _nearest_median(values)
     if near <= nearest <= far:

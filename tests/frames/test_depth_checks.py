@@ -7,7 +7,12 @@ import pytest
 
 from pipelines.errors import FormatError
 from pipelines.frames.camera_files import parse_camera
-from pipelines.frames.depth_checks import LOOKS_INVERSE, SWAPPED, depth_oddities
+from pipelines.frames.depth_checks import (
+    LOOKS_INVERSE,
+    SWAPPED,
+    depth_oddities,
+    has_rotated_bits,
+)
 from pipelines.frames.frames import find_frames
 from pipelines.frames.rgbd import DepthUnits, read_depth
 from pipelines.frames.rgbd_folder import FrameOptions
@@ -119,3 +124,36 @@ def test_the_shared_cases_are_reported() -> None:
         find_frames(CASES / "mask_as_depth", FrameOptions(camera))[0].read()
     depth = find_frames(CASES / "lens_distortion")[0].read().depth
     assert depth_oddities(depth, 463.6) == []
+
+
+def saved(folder: Path, stored: np.ndarray) -> Path:
+    write_image(folder / "0_color.png", np.zeros((*stored.shape, 3), np.uint8))
+    write_image(folder / "0_depth.png", stored)
+    return folder
+
+
+@pytest.mark.parametrize("distance", [1.0, 0.6])
+def test_rotated_bits_of_sun_rgbd_are_refused_instead_of_read_as_eight_times_as_far(
+    tmp_path: Path, distance: float
+) -> None:
+    millimetres = np.round(1000 * distance * table(0.4)).astype(np.uint16)
+    millimetres[:3] = 8193 + 2 * np.arange(320)  # whose first bits wrap around
+    saved(tmp_path, (millimetres << 3) | (millimetres >> 13))
+    camera = parse_camera("300,300,159.5,119.5")
+    with pytest.raises(FormatError, match=r"multiples of 8.*--depth-units-per-metre 8000"):
+        find_frames(tmp_path, FrameOptions(camera))[0].read()
+    frame = find_frames(tmp_path, FrameOptions(camera, 8000.0))[0].read()
+    np.testing.assert_allclose(frame.depth[3:], millimetres[3:] / 1000, atol=1e-6)
+
+
+def test_depth_of_few_values_or_of_wider_steps_has_no_rotated_bits() -> None:
+    for step, count in ((8, 20), (16, 500), (1, 500)):
+        values = 800 + step * np.arange(count, dtype=np.float32)
+        assert not has_rotated_bits(np.tile(values, (30, 1)))
+
+
+def test_a_renderers_depth_buffer_gets_a_remark() -> None:
+    near, far = 0.05, 5.0
+    buffer = far / (far - near) - far * near / ((far - near) * table(0.4))
+    assert any("depth buffer" in sentence for sentence in warnings_of(buffer))
+    assert warnings_of(table(0.0) + 0.25) == []  # from straight above, some of it beyond 1 m

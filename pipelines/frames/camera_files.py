@@ -22,25 +22,22 @@ from pipelines.frames.encodings.camera_texts import (
 from pipelines.frames.encodings.yaml_files import read_yaml
 from pipelines.frames.graspnet_scene import read_meta
 from pipelines.frames.lens import NO_DISTORTION, Distortion, distortion_in
+from pipelines.frames.stated_cameras import (
+    SKEW_KEYS,
+    SYNONYMS,
+    cameras_below,
+    stated_matrix,
+    states_a_camera,
+    with_camera,
+)
 from pipelines.frames.stated_sizes import first_stated, stated_size
 from pipelines.frames.stated_units import check_units, units_in
 from pipelines.geometry.camera import Intrinsics
 from pipelines.storage.array_files import read_npy
 from pipelines.storage.files import is_file, read_json
 
-SYNONYMS = {
-    "fx": ("fx", "_fx", "fl_x"),
-    "fy": ("fy", "_fy", "fl_y"),
-    "cx": ("cx", "_cx", "x_offset", "ppx"),
-    "cy": ("cy", "_cy", "y_offset", "ppy"),
-}
-SKEW_KEYS = ("skew", "_skew")
-MATRIX_KEYS = ("cam_K", "K", "k", "intrinsic_matrix", "intrinsics_matrix", "camera_matrix",
-               "Camera_Matrix", "cameraMatrix", "INTRINSICS", "intrinsics", "intrinsic",
-               "mtx")  # fmt: skip
 # Suffixes of files with keys.
 MAPPINGS = (".json", ".intr", ".yml", ".yaml", ".txt", ".csv", ".xml")
-ORB_SLAM = ("Camera.", "Camera1.")
 FORMS = "fx, fy, cx, cy or a 3x3 matrix (cam_K, K, intrinsic_matrix) is expected"
 # A principal point this near the border means intrinsics of another image size.
 CENTRAL = (0.1, 0.9)
@@ -167,7 +164,7 @@ def read_units(path: Path, frame: str = "") -> float | None:
             return read_meta(path).factor_depth
         case _:
             return None
-    return units_of(path, _with_camera(content)) if isinstance(content, dict) else None
+    return units_of(path, with_camera(content)) if isinstance(content, dict) else None
 
 
 def units_of(path: Path, content: Mapping[str, Any]) -> float | None:
@@ -204,19 +201,19 @@ def camera_from_mapping(path: Path, content: Any) -> CameraFile:  # noqa: ANN401
     """
     if not isinstance(content, dict):
         raise FormatError(path, "this has no keys", FORMS)
-    content = _with_camera(content)
+    content = with_camera(content)
     try:
         facts: dict[str, Any] = stated_size(content)
         facts["units_per_metre"] = units_of(path, content)
         facts["distortion"] = distortion_in(path, content)
-        matrix = _stated_matrix(content)
+        matrix = stated_matrix(content)
         values = {name: first_stated(content, keys) for name, keys in SYNONYMS.items()}
         if isinstance(matrix, list) and np.size(matrix) == len(values):  # Kalibr's
             values = dict(zip(values, matrix, strict=True))
         elif matrix is not None:
             return CameraFile.from_matrix(path, _matrix(path, matrix), **facts)
         missing = [name for name, value in values.items() if value is None]
-        if missing and len(several := _cameras_below(content)) > 1:
+        if missing and len(several := cameras_below(content)) > 1:
             found = f"holds the cameras {', '.join(several)}"
             raise FormatError(path, found, "give that of the depth image as --intrinsics")
         if missing:
@@ -236,40 +233,7 @@ def may_hold_camera(path: Path) -> bool:
         content = read_json(path)
     except (SymgraspError, OSError):
         return True
-    return isinstance(content, dict) and _states_a_camera(_with_camera(content))
-
-
-def _with_camera(content: dict[str, Any]) -> dict[str, Any]:
-    """Return `content` with the only mapping below it that holds a camera, if it holds none itself.
-
-    Examples are `{"cam0": {...}}` of Kalibr, and `{"intrinsics": {"fx": ...}}`. The keys of
-    ORB-SLAM, such as `Camera.fx`, count without their first part.
-    """
-    own = {key.partition(".")[2]: each for key, each in content.items() if key.startswith(ORB_SLAM)}
-    content = own | content
-    if _states_a_camera(content):
-        return content
-    below = _cameras_below(content)
-    return {**content, **content[below[0]]} if len(below) == 1 else content
-
-
-def _cameras_below(content: dict[str, Any]) -> list[str]:
-    """Return the keys of the mappings in `content` that hold a camera."""
-    return [k for k, each in content.items() if isinstance(each, dict) and _states_a_camera(each)]
-
-
-def _states_a_camera(content: dict[str, Any]) -> bool:
-    return _stated_matrix(content) is not None or first_stated(content, SYNONYMS["fx"]) is not None
-
-
-def _stated_matrix(content: dict[str, Any]) -> list[Any] | dict[str, Any] | None:
-    """Return the list of a matrix, or the mapping with its `data`; `{"fx": ...}` is none."""
-    stated = (content.get(key) for key in MATRIX_KEYS)
-    return next((m for m in stated if isinstance(m, list) or "data" in _mapping(m)), None)
-
-
-def _mapping(value: Any) -> dict[str, Any]:  # noqa: ANN401 - JSON
-    return value if isinstance(value, dict) else {}
+    return isinstance(content, dict) and states_a_camera(with_camera(content))
 
 
 def _camera_of(path: Path, scene: dict[str, Any], frame: str) -> Any:  # noqa: ANN401 - JSON

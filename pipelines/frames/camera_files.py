@@ -127,17 +127,17 @@ def parse_camera(text: str) -> CameraFile:
     return CameraFile(fx, fy, cx, cy)
 
 
-def read_camera_file(path: Path, frame: str = "") -> CameraFile:
+def read_camera_file(path: Path, frame: str = "", view: str = "") -> CameraFile:
     """Read a camera file of any known form: json, intr, yaml, txt, csv, xml, npy, mat.
 
-    A BOP `scene_camera.json` has one camera a frame; `frame` names it.
+    A BOP `scene_camera.json` has one camera a frame; `frame` names it. `view`: see `with_camera`.
 
     Raises:
         FormatError: the file has none of the known forms.
     """
     match path.suffix.lower():
         case suffix if suffix in MAPPINGS:
-            return camera_from_mapping(path, _content(path, frame))
+            return camera_from_mapping(path, _content(path, frame), view)
         case ".npy":
             return CameraFile.from_matrix(path, read_npy(path))
         case ".mat":
@@ -150,7 +150,7 @@ def read_camera_file(path: Path, frame: str = "") -> CameraFile:
             )
 
 
-def read_units(path: Path, frame: str = "") -> float | None:
+def read_units(path: Path, frame: str = "", view: str = "") -> float | None:
     """Return the unit in a camera file, None if it states none; it need not hold a camera."""
     match path.suffix.lower():
         case ".txt" | ".csv" | ".xml":
@@ -164,7 +164,7 @@ def read_units(path: Path, frame: str = "") -> float | None:
             return read_meta(path).factor_depth
         case _:
             return None
-    return units_of(path, with_camera(content)) if isinstance(content, dict) else None
+    return units_of(path, with_camera(content, view)) if isinstance(content, dict) else None
 
 
 def units_of(path: Path, content: Mapping[str, Any]) -> float | None:
@@ -193,15 +193,15 @@ def _content(path: Path, frame: str) -> Any:  # noqa: ANN401 - JSON
     return content
 
 
-def camera_from_mapping(path: Path, content: Any) -> CameraFile:  # noqa: ANN401 - JSON
-    """Return the camera of the keys and values of the file `path`.
+def camera_from_mapping(path: Path, content: Any, view: str = "") -> CameraFile:  # noqa: ANN401
+    """Return the camera of the keys and values of the file `path`; `view`: see `with_camera`.
 
     Raises:
         FormatError: keys are missing, or values are no numbers.
     """
     if not isinstance(content, dict):
         raise FormatError(path, "this has no keys", FORMS)
-    content = with_camera(content)
+    content = with_camera(content, view)
     try:
         facts: dict[str, Any] = stated_size(content)
         facts["units_per_metre"] = units_of(path, content)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from pipelines.errors import SymgraspError
 from pipelines.frames.camera_files import CameraFile, may_hold_camera, read_camera_file
+from pipelines.frames.image_names import names_view
 
 # Names that are searched next to the images, in this order; after them any *.intr.
 SHARED_CAMERA_FILES = (
@@ -72,26 +73,29 @@ def own_camera_file(folder: Path, name: str, listed: Container[str] | None = Non
     return folder / in_meta if is_there(in_meta) else None
 
 
-def shared_camera_file(folder: Path) -> Path | None:
-    """Return the camera file of all frames in `folder`.
+def shared_camera_file(folder: Path, view: str = "") -> Path | None:
+    """Return the camera file of all frames in `folder` whose images have the `view` of a camera.
 
-    A file with an unusual name counts if no file next to it holds another camera.
+    A file with an unusual name counts if no file next to it holds another camera, or if it alone is
+    named after the `view`, `color` or `depth`.
     """
     shared = (folder / file for file in SHARED_CAMERA_FILES)
     usual = next((path for path in shared if path.is_file()), None)
     usual = usual or min(folder.glob("*.intr"), default=None)
     if usual is not None:
         return usual
-    found = list(cameras_in(folder))
+    found = list(cameras_in(folder, view))
+    if view:
+        found = [each for each in found if names_view(each[0].stem, view)] or found
     lenses = {(camera.fx, camera.fy, camera.cx, camera.cy) for _path, camera in found}
     return found[0][0] if len(lenses) == 1 else None
 
 
-def cameras_in(folder: Path) -> Iterator[tuple[Path, CameraFile]]:
+def cameras_in(folder: Path, view: str = "") -> Iterator[tuple[Path, CameraFile]]:
     """Yield the files of `folder` that hold a camera, whatever their names."""
     for path in _small_files(folder, READ):
         try:
-            camera = read_camera_file(path)
+            camera = read_camera_file(path, view=view)
         except SymgraspError:
             continue
         center = min(camera.cx, camera.cy)

@@ -9,13 +9,23 @@ WORD = "|".join((*COLOR_WORDS, "depth"))
 ALONE = re.compile(rf"({WORD})(?:_image)?|image_({WORD})", re.IGNORECASE)
 ENDING = re.compile(rf"(.+)[-_.]({WORD})", re.IGNORECASE)
 BEGINNING = re.compile(rf"({WORD})(?:[-_.]|(?=\d+(?:[-_.]|$)))(.+)", re.IGNORECASE)  # also color0
-# Depth registered to the colour, as tools of RealSense, Azure Kinect and ROS name it.
-TO_COLOR = r"[-_.]?to[-_.]?(?:colou?r|rgb)"
-ALIGNED_DEPTH = re.compile(
-    rf"(?<![a-z])(?:aligned|registered|transformed)[-_.]?depth(?:{TO_COLOR})?"
-    rf"|depth(?:[-_.]?(?:aligned|registered|transformed)(?:{TO_COLOR})?|{TO_COLOR})(?![a-z])",
-    re.IGNORECASE,
-)
+COLOR, DEPTH = "(?:colou?r|rgb)", "depth"
+
+
+def _aligned(image: str, other: str) -> re.Pattern[str]:
+    """Return the pattern of an image that is registered to the view of the other camera.
+
+    Tools of RealSense, Azure Kinect and ROS name it so.
+    """
+    words, to = "(?:aligned|registered|transformed)", rf"[-_.]?to[-_.]?{other}"
+    return re.compile(
+        rf"(?<![a-z]){words}[-_.]?{image}(?:{to})?"
+        rf"|{image}(?:[-_.]?{words}(?:{to})?|{to})(?![a-z])",
+        re.IGNORECASE,
+    )
+
+
+ALIGNED_DEPTH, ALIGNED_COLOR = _aligned(DEPTH, COLOR), _aligned(COLOR, DEPTH)
 
 
 def without_word(stem: str, words: tuple[str, ...]) -> str | None:
@@ -30,7 +40,7 @@ def without_word(stem: str, words: tuple[str, ...]) -> str | None:
 @lru_cache(maxsize=1 << 16)  # `infer --watch` lists the same folder again and again
 def word_and_rest(stem: str) -> tuple[str, str]:
     """Return the word that ends or begins `stem`, in lower case, and the rest; "" for no word."""
-    stem = ALIGNED_DEPTH.sub("depth", stem)
+    stem = _plain(stem)
     if alone := ALONE.fullmatch(stem):
         return next(filter(None, alone.groups())).lower(), ""
     if ending := ENDING.fullmatch(stem):
@@ -43,12 +53,41 @@ def without_inner_word(stem: str, words: tuple[str, ...]) -> str | None:
     """Return `stem` without the word between others; None if the word is at an end or missing."""
     if word_and_rest(stem)[0]:
         return None
-    stem = ALIGNED_DEPTH.sub("depth", stem)
+    stem = _plain(stem)
     found = re.fullmatch(rf"(.+[-_.])({'|'.join(words)})[-_.](.+)", stem, re.IGNORECASE)
     return None if found is None else f"{found[1]}{found[3]}"
 
 
-def is_aligned(color: Path, depth: Path) -> bool:
-    """Return whether the depth is aligned to the colour, by the name of its file or own folder."""
-    folder = depth.parent.name if depth.parent != color.parent else ""
-    return any(ALIGNED_DEPTH.search(name) for name in (depth.stem, folder))
+def _plain(stem: str) -> str:
+    return ALIGNED_COLOR.sub("color", ALIGNED_DEPTH.sub("depth", stem))
+
+
+def of_one_view(colors: list[Path], depths: list[Path]) -> tuple[list[Path], list[Path]]:
+    """Return the images of one camera's view: aligned depth with raw colour, else the reverse.
+
+    Raw depth next to aligned depth has another view than the colour.
+    """
+    if aligned := [path for path in depths if ALIGNED_DEPTH.search(path.stem)]:
+        return [path for path in colors if not ALIGNED_COLOR.search(path.stem)] or colors, aligned
+    return [path for path in colors if ALIGNED_COLOR.search(path.stem)] or colors, depths
+
+
+def view_of(color: Path, depth: Path) -> str:
+    """Return the camera whose view both images have, `color` or `depth`; "" if no name tells.
+
+    The names of the files count, and those of their folders if these are two.
+    """
+    for pattern, path, view in ((ALIGNED_DEPTH, depth, "color"), (ALIGNED_COLOR, color, "depth")):
+        names = (path.stem, path.parent.name if color.parent != depth.parent else "")
+        if any(map(pattern.search, names)):
+            return view
+    return ""
+
+
+def names_view(name: str, view: str) -> bool:
+    """Return whether `name` contains a word for the camera `view` and none for the other one."""
+    named = {
+        each: re.search(pattern, name, re.IGNORECASE) is not None
+        for each, pattern in (("color", COLOR), ("depth", DEPTH))
+    }
+    return named.pop(view) and not any(named.values())

@@ -9,8 +9,11 @@ from pathlib import Path
 
 from pipelines.frames.camera_files import CameraFile, read_camera_file, read_units
 from pipelines.frames.image_names import (
+    ALIGNED_COLOR,
     ALIGNED_DEPTH,
     COLOR_WORDS,
+    of_one_view,
+    view_of,
     without_inner_word,
     without_word,
     word_and_rest,
@@ -79,6 +82,11 @@ class ImagePair:
         """Whether both files are there."""
         return self.color is not None and self.depth is not None
 
+    @property
+    def view(self) -> str:
+        """The camera whose view both images have; see `view_of`."""
+        return view_of(self.color, self.depth) if self.color and self.depth else ""
+
 
 def read_with_camera(
     color: Path,
@@ -94,10 +102,10 @@ def read_with_camera(
     """
     camera, units = options.camera, None
     if camera_file is not None and camera is None:
-        camera = read_camera_file(camera_file, color.stem)
+        camera = read_camera_file(camera_file, color.stem, view_of(color, depth))
         units = camera.units_per_metre
     elif camera_file is not None and options.needs_units:
-        units = read_units(camera_file, color.stem)
+        units = read_units(camera_file, color.stem, view_of(color, depth))
     return read_pair(color, depth, camera, options.depth_units(units, usual_units))
 
 
@@ -114,7 +122,6 @@ def flat_pairs(folder: Path) -> list[ImagePair]:
     for stem in between[0].keys() & between[1].keys():
         colors.setdefault(stem, between[0][stem])
         depths.setdefault(stem, between[1][stem])
-    depths = {stem: _aligned_alone(paths) for stem, paths in depths.items()}
     depths = {
         stem: paths for stem, paths in depths.items() if stem in colors or not _is_fact(stem, paths)
     }
@@ -131,14 +138,6 @@ def flat_pairs(folder: Path) -> list[ImagePair]:
     return _paired(colors, depths)
 
 
-def _aligned_alone(depths: list[Path]) -> list[Path]:
-    """Return the depths that are aligned to the colour, or all if none is.
-
-    Raw depth next to aligned depth has another view than the colour.
-    """
-    return [path for path in depths if ALIGNED_DEPTH.search(path.stem)] or depths
-
-
 def _is_fact(stem: str, depths: Sequence[Path]) -> bool:
     """Return whether files are arrays of other numbers, such as depth_intrinsics.npy."""
     are_arrays = all(path.suffix.lower() in (".npy", ".npz") for path in depths)
@@ -148,7 +147,7 @@ def _is_fact(stem: str, depths: Sequence[Path]) -> bool:
 def _paired(colors: ImageFiles, depths: ImageFiles) -> list[ImagePair]:
     pairs = []
     for stem in sorted(colors.keys() | depths.keys()):
-        color, depth = colors.get(stem, []), depths.get(stem, [])
+        color, depth = of_one_view(colors.get(stem, []), depths.get(stem, []))
         rivals = (*_rivals(color), *_rivals(depth))
         pairs.append(ImagePair(stem, next(iter(color), None), next(iter(depth), None), rivals))
     return pairs
@@ -191,18 +190,19 @@ def _by_stem(
 def sister_pairs(folder: Path, suffix: str = "") -> list[ImagePair]:
     """Pair `rgb/x` with `depth/x`; several names of both folders are in use.
 
-    Depth in a folder such as `aligned_depth_to_color` is preferred to `depth`, which may be raw.
+    Depth in a folder such as `aligned_depth_to_color` is preferred to `depth`, which may be raw;
+    else colour in a folder such as `transformed_color` to raw colour.
     `suffix`: suffix of the names of both folders.
     """
-    color_folder = _sister(folder, COLOR_FOLDERS, suffix)
-    if color_folder is None:
-        return []
-    aligned = sorted(path for path in folder.iterdir() if ALIGNED_DEPTH.fullmatch(path.name))
-    depth_folder = next(
-        (path for path in aligned if path.is_dir() and not suffix),
-        _sister(folder, ("depth",), suffix),
+    aligned_depth, aligned_color = (
+        None if suffix else _folder_like(folder, pattern)
+        for pattern in (ALIGNED_DEPTH, ALIGNED_COLOR)
     )
-    if depth_folder is None:
+    color_folder = _sister(folder, COLOR_FOLDERS, suffix)
+    if aligned_color is not None and (aligned_depth is None or color_folder is None):
+        color_folder = aligned_color
+    depth_folder = aligned_depth or _sister(folder, ("depth",), suffix)
+    if color_folder is None or depth_folder is None:
         return []
     colors = _by_stem(color_folder.iterdir(), COLOR_SUFFIXES)
     depths = _by_stem(depth_folder.iterdir(), DEPTH_SUFFIXES)
@@ -219,6 +219,12 @@ def _without_words(files: ImageFiles, words: tuple[str, ...]) -> ImageFiles:
         rest = without_word(stem, words)
         found.setdefault(stem if rest is None else rest, []).extend(paths)
     return found
+
+
+def _folder_like(folder: Path, pattern: re.Pattern[str]) -> Path | None:
+    """Return the first folder in `folder` whose whole name has the `pattern`."""
+    named = (path for path in sorted(folder.iterdir()) if pattern.fullmatch(path.name))
+    return next((path for path in named if path.is_dir()), None)
 
 
 def _sister(folder: Path, names: Iterable[str], suffix: str = "") -> Path | None:

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from pipelines.frames.image_names import names_view
 from pipelines.frames.stated_sizes import first_stated
 
 SYNONYMS = {
@@ -17,17 +18,20 @@ MATRIX_KEYS = ("cam_K", "K", "k", "intrinsic_matrix", "intrinsics_matrix", "came
 ORB_SLAM = ("Camera.", "Camera1.")
 
 
-def with_camera(content: dict[str, Any]) -> dict[str, Any]:
+def with_camera(content: dict[str, Any], view: str = "") -> dict[str, Any]:
     """Return `content` with the only mapping below it that holds a camera, if it holds none itself.
 
-    Examples are `{"cam0": {...}}` of Kalibr, and `{"intrinsics": {"fx": ...}}`. The keys of
-    ORB-SLAM, such as `Camera.fx`, count without their first part.
+    Examples are `{"cam0": {...}}` of Kalibr, and `{"intrinsics": {"fx": ...}}`. Of several such
+    mappings, the one named after the `view` counts (see `view_of`). The keys of ORB-SLAM, such as
+    `Camera.fx`, count without their first part.
     """
     own = {key.partition(".")[2]: each for key, each in content.items() if key.startswith(ORB_SLAM)}
     content = own | content
     if states_a_camera(content):
         return content
     below = cameras_below(content)
+    if len(below) > 1 and view:
+        below = [key for key in below if names_view(key, view)]
     return {**content, **content[below[0]]} if len(below) == 1 else content
 
 
@@ -37,6 +41,7 @@ def cameras_below(content: dict[str, Any]) -> list[str]:
 
 
 def states_a_camera(content: dict[str, Any]) -> bool:
+    """Return whether the keys of `content` itself state a camera."""
     return stated_matrix(content) is not None or first_stated(content, SYNONYMS["fx"]) is not None
 
 

@@ -54,8 +54,9 @@ class Pairing:
         found = next((path for path in usual if path.is_file()), None)
         # image_color.png is a frame without a name, whose camera is image_camera.json.
         first = pair.color and pair.color.stem.partition("_")[0]
-        images = (each and each.stem for each in (pair.color, pair.depth))
-        for stem in (pair.stem or first, *images):
+        images = [each and each.stem for each in (pair.color, pair.depth)]
+        stems = [pair.stem or first, *images]
+        for stem in stems if pair.view != "depth" else reversed(stems):
             found = found or (own_camera_file(folder, stem, listed) if stem else None)
         return found or shared
 
@@ -66,9 +67,10 @@ class Pairing:
         pairs = sorted(self.pairs(folder), key=lambda pair: pair.stem)
         if not pairs:
             return
-        shared, listed = shared_camera_file(folder), {path.name for path in folder.iterdir()}
+        shared = {view: shared_camera_file(folder, view) for view in {each.view for each in pairs}}
+        listed = {path.name for path in folder.iterdir()}
         for pair in pairs:
-            camera = self.camera_file(folder, pair, shared, listed)
+            camera = self.camera_file(folder, pair, shared[pair.view], listed)
             read = functools.partial(read_paired, pair, camera, options)
             files = (pair.color, pair.depth, camera)
             yield FoundFrame(pair.stem, read, files, is_whole=pair.is_whole)

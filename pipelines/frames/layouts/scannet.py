@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.frames.camera_files import CameraFile, read_camera_file
-from pipelines.frames.image_names import is_aligned
+from pipelines.frames.image_names import view_of
 from pipelines.frames.layouts.layout import FoundFrame, Layout
 from pipelines.frames.layouts.paired import read_paired
 from pipelines.frames.rgbd import Frame, make_frame, read_color, stored_depth
@@ -47,7 +47,7 @@ def _read(pair: ImagePair, cameras: tuple[Path, Path], options: FrameOptions) ->
     has_color = cameras[1].is_file()
     if pair.rivals or pair.color is None or pair.depth is None:
         return read_paired(pair, None, options)
-    if is_aligned(pair.color, pair.depth):
+    if view_of(pair.color, pair.depth) == "color":
         return read_paired(pair, cameras[1] if has_color else None, options)
     if not has_color:
         return read_paired(pair, cameras[0], options)

@@ -152,7 +152,8 @@ def has_rotated_bits(values: NDArray[np.float32]) -> bool:
     known = values[values > 0]
     step = 2**ROTATED_BITS
     shares = [np.count_nonzero(known % each == 0) / known.size for each in (step, 2 * step)]
-    return shares[0] >= MULTIPLES > shares[1] and len(np.unique(known)) >= FEWEST_VALUES
+    is_shifted = bool(shares[0] >= MULTIPLES > shares[1])
+    return is_shifted and len(np.unique(known)) >= FEWEST_VALUES
 
 
 def nothing_measured(stored: NDArray[Any]) -> tuple[str, str]:

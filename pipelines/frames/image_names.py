@@ -25,6 +25,12 @@ def _aligned(image: str, other: str) -> re.Pattern[str]:
     )
 
 
+# Other names of depth along the optical axis; Isaac Sim's distance_to_camera is along the ray.
+OTHER_DEPTH = re.compile(r"depth[-_.]?map(?![a-z])|distance_to_image_plane", re.IGNORECASE)
+WEAK_WORD = "(?:image|img|frame|left)"  # ROS's frame0000, a ZED's left000000
+WEAK = re.compile(
+    rf"{WEAK_WORD}(?:[-_.]|(?=\d))(.+)|(.+)[-_.]{WEAK_WORD}|{WEAK_WORD}", re.IGNORECASE
+)
 ALIGNED_DEPTH, ALIGNED_COLOR = _aligned(DEPTH, COLOR), _aligned(COLOR, DEPTH)
 
 
@@ -59,7 +65,14 @@ def without_inner_word(stem: str, words: tuple[str, ...]) -> str | None:
 
 
 def _plain(stem: str) -> str:
-    return ALIGNED_COLOR.sub("color", ALIGNED_DEPTH.sub("depth", stem))
+    stem = ALIGNED_COLOR.sub("color", ALIGNED_DEPTH.sub("depth", stem))
+    return OTHER_DEPTH.sub("depth", stem)
+
+
+def without_weak_word(stem: str) -> str:
+    """Return `stem` without a word that images of any kind have, such as the 0 of image_0."""
+    found = WEAK.fullmatch(stem)
+    return stem if found is None else found[1] or found[2] or ""
 
 
 def of_one_view(colors: list[Path], depths: list[Path]) -> tuple[list[Path], list[Path]]:

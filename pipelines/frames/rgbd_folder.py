@@ -15,6 +15,7 @@ from pipelines.frames.image_names import (
     of_one_view,
     view_of,
     without_inner_word,
+    without_weak_word,
     without_word,
     word_and_rest,
 )
@@ -23,7 +24,8 @@ from pipelines.frames.stated_units import check_units
 
 COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".exr")
-COLOR_FOLDERS = ("rgb", "color", "image", "images", "gray")
+COLOR_FOLDERS = ("rgb", "color", "image", "images", "gray", "colors", "rgbs")
+DEPTH_FOLDERS = ("depth", "depths", "distance_to_image_plane")
 UNREAD_IMAGE_SUFFIXES = (".jpg", ".jpeg", ".bmp", ".webp", ".ppm", ".pgm", ".gif", ".heic", ".raw")
 # Rests of the names of arrays that hold facts about the images, such as depth_scale.npy.
 FACTS = re.compile("(camera[-_.])?((?i:matrix|params|scale|units?|(in|ex)trinsics?)|K)")
@@ -131,11 +133,21 @@ def flat_pairs(folder: Path) -> list[ImagePair]:
         for stem, paths in colors.items()
         if stem in depths or without_word(stem, ("depth",)) is None
     }
-    if "" in depths and "" not in colors:
-        plain = next((path for path in files if path.stem == "image"), None)
-        if plain is not None and plain.suffix.lower() in COLOR_SUFFIXES:
-            colors[""] = [plain]
+    others = _others_by_stem(files)
+    colors |= {stem: [others[stem]] for stem in depths if stem not in colors and stem in others}
     return _paired(colors, depths)
+
+
+def _others_by_stem(files: Sequence[Path]) -> dict[str, Path]:
+    """Map names without a weak word, and then whole names, to images without a word of their own.
+
+    Such an image is the colour of a depth image for which there is no better one.
+    """
+    images = [path for path in files if path.suffix.lower() in COLOR_SUFFIXES]
+    images = [path for path in images if not word_and_rest(path.stem)[0]]
+    return {path.stem: path for path in images} | {
+        without_weak_word(path.stem): path for path in reversed(images)
+    }
 
 
 def _is_fact(stem: str, depths: Sequence[Path]) -> bool:
@@ -201,15 +213,41 @@ def sister_pairs(folder: Path, suffix: str = "") -> list[ImagePair]:
     color_folder = _sister(folder, COLOR_FOLDERS, suffix)
     if aligned_color is not None and (aligned_depth is None or color_folder is None):
         color_folder = aligned_color
-    depth_folder = aligned_depth or _sister(folder, ("depth",), suffix)
+    depth_folder = aligned_depth or _sister(folder, DEPTH_FOLDERS, suffix)
     if color_folder is None or depth_folder is None:
+        return _pairs_by_word(folder) if not suffix else []
+    return _pairs_in(color_folder, depth_folder)
+
+
+def _pairs_by_word(folder: Path) -> list[ImagePair]:
+    """Pair the images of the only two folders that differ by a word, as `rgb_raw`, `depth_raw`."""
+    names = {path.name: path for path in folder.iterdir()}
+    colors, depths = (
+        {_without_any_word(name, words): path for name, path in names.items()}
+        for words in (COLOR_WORDS, ("depth",))
+    )
+    both = colors.keys() & depths.keys() - {None}
+    both = {rest for rest in both if colors[rest].is_dir() and depths[rest].is_dir()}
+    if len(both) != 1:
         return []
+    (rest,) = both
+    return _pairs_in(colors[rest], depths[rest])
+
+
+def _pairs_in(color_folder: Path, depth_folder: Path) -> list[ImagePair]:
+    """Pair the images of two folders."""
     colors = _by_stem(color_folder.iterdir(), COLOR_SUFFIXES)
     depths = _by_stem(depth_folder.iterdir(), DEPTH_SUFFIXES)
     if not colors.keys() & depths.keys():  # color/color_0.png and depth/depth_0.png
         plain = _without_words(colors, COLOR_WORDS), _without_words(depths, ("depth",))
         colors, depths = plain if plain[0].keys() & plain[1].keys() else (colors, depths)
     return _paired(colors, depths)
+
+
+def _without_any_word(name: str, words: tuple[str, ...]) -> str | None:
+    """Return `name` without the word at an end or between others; None if it is not of `words`."""
+    rest = without_word(name, words)
+    return without_inner_word(name, words) if rest is None else rest
 
 
 def _without_words(files: ImageFiles, words: tuple[str, ...]) -> ImageFiles:
@@ -239,7 +277,9 @@ def unread_partner(image: Path, missing: str) -> Path | None:
 
     Its suffix is not read, or it is a broken link or a folder.
     """
-    words, folders = (("depth",),) * 2 if missing == "depth" else (COLOR_WORDS, COLOR_FOLDERS)
+    words, folders = (
+        (("depth",), DEPTH_FOLDERS) if missing == "depth" else (COLOR_WORDS, COLOR_FOLDERS)
+    )
     word = word_and_rest(image.stem)[0]
     at = image.stem.lower().rfind(word)
     head, tail = image.stem[:at], image.stem[at + len(word) :]

@@ -4,8 +4,8 @@ import re
 from functools import lru_cache
 from pathlib import Path
 
-COLOR_WORDS = ("color", "colour", "rgb")
-WORD = "|".join((*COLOR_WORDS, "depth"))
+WORDS_OF_COLOR = ("color", "colour", "rgb")
+WORD = "|".join((*WORDS_OF_COLOR, "depth"))
 ALONE = re.compile(rf"({WORD})(?:_image)?|image_({WORD})", re.IGNORECASE)
 ENDING = re.compile(rf"(.+)[-_.]({WORD})", re.IGNORECASE)
 BEGINNING = re.compile(rf"({WORD})(?:[-_.]|(?=\d+(?:[-_.]|$)))(.+)", re.IGNORECASE)  # also color0

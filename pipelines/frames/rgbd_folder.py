@@ -11,7 +11,7 @@ from pipelines.frames.camera_files import CameraFile, read_camera_file, read_uni
 from pipelines.frames.image_names import (
     ALIGNED_COLOR,
     ALIGNED_DEPTH,
-    COLOR_WORDS,
+    WORDS_OF_COLOR,
     of_one_view,
     view_of,
     without_inner_word,
@@ -114,11 +114,11 @@ def read_with_camera(
 def flat_pairs(folder: Path) -> list[ImagePair]:
     """Pair files by name: `x_color`, `x-rgb`, `color_x`, `color`, `image` with their depth."""
     files = sorted((path for path in folder.iterdir() if path.is_file()), key=attrgetter("name"))
-    colors = _by_stem(files, COLOR_SUFFIXES, COLOR_WORDS)
+    colors = _by_stem(files, COLOR_SUFFIXES, WORDS_OF_COLOR)
     depths = _by_stem(files, DEPTH_SUFFIXES, ("depth",))
     # x-rgb-img.jpg and x-depth-img.exr; each without the other may be anything.
     between = (
-        _by_stem(files, COLOR_SUFFIXES, COLOR_WORDS, within=True),
+        _by_stem(files, COLOR_SUFFIXES, WORDS_OF_COLOR, within=True),
         _by_stem(files, DEPTH_SUFFIXES, ("depth",), within=True),
     )
     for stem in between[0].keys() & between[1].keys():
@@ -224,7 +224,7 @@ def _pairs_by_word(folder: Path) -> list[ImagePair]:
     names = {path.name: path for path in folder.iterdir()}
     colors, depths = (
         {_without_any_word(name, words): path for name, path in names.items()}
-        for words in (COLOR_WORDS, ("depth",))
+        for words in (WORDS_OF_COLOR, ("depth",))
     )
     both = colors.keys() & depths.keys() - {None}
     both = {rest for rest in both if colors[rest].is_dir() and depths[rest].is_dir()}
@@ -239,7 +239,7 @@ def _pairs_in(color_folder: Path, depth_folder: Path) -> list[ImagePair]:
     colors = _by_stem(color_folder.iterdir(), COLOR_SUFFIXES)
     depths = _by_stem(depth_folder.iterdir(), DEPTH_SUFFIXES)
     if not colors.keys() & depths.keys():  # color/color_0.png and depth/depth_0.png
-        plain = _without_words(colors, COLOR_WORDS), _without_words(depths, ("depth",))
+        plain = _without_words(colors, WORDS_OF_COLOR), _without_words(depths, ("depth",))
         colors, depths = plain if plain[0].keys() & plain[1].keys() else (colors, depths)
     return _paired(colors, depths)
 
@@ -278,7 +278,7 @@ def unread_partner(image: Path, missing: str) -> Path | None:
     Its suffix is not read, or it is a broken link or a folder.
     """
     words, folders = (
-        (("depth",), DEPTH_FOLDERS) if missing == "depth" else (COLOR_WORDS, COLOR_FOLDERS)
+        (("depth",), DEPTH_FOLDERS) if missing == "depth" else (WORDS_OF_COLOR, COLOR_FOLDERS)
     )
     word = word_and_rest(image.stem)[0]
     at = image.stem.lower().rfind(word)

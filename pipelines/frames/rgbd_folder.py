@@ -22,11 +22,22 @@ from pipelines.frames.image_names import (
 from pipelines.frames.rgbd import DepthUnits, Frame, read_pair
 from pipelines.frames.stated_units import check_units
 
-COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
-DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".exr")
+COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm")
+DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".exr", ".pgm")
 COLOR_FOLDERS = ("rgb", "color", "image", "images", "gray", "colors", "rgbs")
 DEPTH_FOLDERS = ("depth", "depths", "distance_to_image_plane")
-UNREAD_IMAGE_SUFFIXES = (".jpg", ".jpeg", ".bmp", ".webp", ".ppm", ".pgm", ".gif", ".heic", ".raw")
+UNREAD_IMAGE_SUFFIXES = (
+    ".jpg",
+    ".jpeg",
+    ".bmp",
+    ".webp",
+    ".ppm",
+    ".pgm",
+    ".gif",
+    ".heic",
+    ".raw",
+    ".npy",
+)
 # Rests of the names of arrays that hold facts about the images, such as depth_scale.npy.
 FACTS = re.compile("(camera[-_.])?((?i:matrix|params|scale|units?|(in|ex)trinsics?)|K)")
 ImageFiles = dict[str, list[Path]]  # by the rest of the name; the first file is taken

@@ -1,5 +1,6 @@
 """Images as arrays: read whole, of bounded size, and written atomically."""
 
+import re
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,6 +24,10 @@ TIFF_ORDERS = {b"II": "<", b"MM": ">"}
 TIFF_SIDES = ((256, 257), (322, 323))  # tags of width and height, of the image and of a tile
 TIFF_INTEGERS = {3: "H", 4: "I", 16: "Q"}
 MOST_TAGS = 4096
+WEBP_SIDE = 2**14 - 1  # bits of a side in WebP's pictures
+COMMENTS = rb"(?:\s|#[^\n]*\n)+"
+LONGEST_HEAD = 2**12
+NETPBM_HEAD = re.compile(rb"P[56]" + COMMENTS + rb"(\d{1,9})" + COMMENTS + rb"(\d{1,9})\s")
 EXR_WINDOW = b"dataWindow\0box2i\0"
 
 
@@ -117,7 +122,7 @@ def encode_image(image: NDArray[Any], suffix: str, jpeg_quality: int = 95) -> by
 
 
 def pixels_of(data: bytes) -> int | None:
-    """Return the number of pixels that a PNG, JPEG, TIFF, BMP or EXR announces.
+    """Return the number of pixels that a PNG, JPEG, TIFF, BMP, WebP, PGM, PPM or EXR announces.
 
     None if the header is cut off, or of another format.
     """
@@ -130,6 +135,10 @@ def pixels_of(data: bytes) -> int | None:
             return _tiff_pixels(data, TIFF_ORDERS[data[:2]])
         elif data.startswith(b"BM"):
             width, height = struct.unpack_from("<ii", data, 18)
+        elif data.startswith(b"RIFF") and data[8:12] == b"WEBP":
+            width, height = _webp_size(data)
+        elif head := NETPBM_HEAD.match(data, 0, LONGEST_HEAD):
+            width, height = map(int, head.groups())
         elif data.startswith(b"\x76\x2f\x31\x01") and EXR_WINDOW in data:
             left, top, right, bottom = struct.unpack_from(
                 "<iiii", data, data.index(EXR_WINDOW) + len(EXR_WINDOW) + 4
@@ -163,6 +172,18 @@ def _jpeg_segments(data: bytes) -> Iterator[tuple[int, int]]:
         if kind != 0xFF:  # a fill byte before the mark
             yield kind, at
         at += 1 if kind == 0xFF else 2 + length
+
+
+def _webp_size(data: bytes) -> tuple[int, int]:
+    """Return the size in the first chunk: of an extended, a lossless or a lossy picture."""
+    if data[12:16] == b"VP8X":
+        width, wide, height, high = struct.unpack_from("<HBHB", data, 24)
+        return width + (wide << 16) + 1, height + (high << 16) + 1
+    if data[12:16] == b"VP8L":
+        (bits,) = struct.unpack_from("<I", data, 21)
+        return (bits & WEBP_SIDE) + 1, (bits >> 14 & WEBP_SIDE) + 1
+    width, height = struct.unpack_from("<HH", data, 26)
+    return width & WEBP_SIDE, height & WEBP_SIDE
 
 
 def _tiff_pixels(data: bytes, order: str) -> int:

@@ -30,6 +30,8 @@ def frame_of(folder: Path) -> tuple[str, bool]:
         ("image_1.png", "depth_image_1.png", "image_1"),
         ("a_rgb.png", "a_depth_map.png", "a"),
         ("a_rgb.png", "a_DepthMap.tiff", "a"),
+        ("a_color.webp", "a_depth.png", "a"),
+        ("a_color.ppm", "a_depth.pgm", "a"),
         ("rgb_0000.png", "distance_to_image_plane_0000.npy", "0000"),  # of Isaac Sim
     ],
 )

@@ -40,8 +40,8 @@ def test_the_files_of_the_folder_and_the_missing_ones_are_named(
 @pytest.mark.parametrize(
     ("there", "place", "named"),
     [
-        ("x_depth.png", "x_color.webp", "no colour image next to it but x_color.webp"),
-        ("X_Depth.png", "X_rgb.ppm", "no colour image next to it but X_rgb.ppm"),
+        ("x_depth.png", "x_color.heic", "no colour image next to it but x_color.heic"),
+        ("X_Depth.png", "X_rgb.npy", "no colour image next to it but X_rgb.npy"),
         ("depth/7.png", "color/7.gif", "no colour image next to it but 7.gif"),
     ],
 )

@@ -28,6 +28,34 @@ def test_a_header_that_is_cut_off_has_no_size(suffix: str) -> None:
     assert pixels_of(b"GIF89a" + data) is None
 
 
+@pytest.mark.parametrize("quality", [80, 101])  # above 100, nothing is lost
+@pytest.mark.parametrize("channels", [3, 4])
+def test_a_webp_states_its_pixels_in_each_of_its_forms(quality: int, channels: int) -> None:
+    picture = np.random.default_rng(0).integers(0, 255, (40, 51, channels), dtype=np.uint8)
+    data = cv2.imencode(".webp", picture, [cv2.IMWRITE_WEBP_QUALITY, quality])[1].tobytes()
+    assert pixels_of(data) == 40 * 51
+    assert all(pixels_of(data[:size]) is None for size in range(24))
+
+
+@pytest.mark.parametrize("comment", [b"", b"# by a camera\n# of 9 9\n"])
+def test_netpbm_images_state_their_pixels_and_are_read_as_stored(
+    tmp_path: Path, comment: bytes
+) -> None:
+    grey = np.arange(40 * 51, dtype=np.uint16).reshape(40, 51) * 31
+    color = np.random.default_rng(0).integers(0, 255, (40, 51, 3), dtype=np.uint8)
+    for suffix, picture in ((".pgm", grey), (".ppm", color)):
+        data = cv2.imencode(suffix, picture)[1].tobytes()
+        data = data[:3] + comment + data[3:]
+        assert pixels_of(data) == 40 * 51
+        assert pixels_of(data[:5]) is None
+        (tmp_path / "a").write_bytes(data)
+        expected = picture if picture.ndim == 2 else picture[:, :, ::-1]
+        assert (read_image(tmp_path / "a") == expected).all()
+        (tmp_path / "a").write_bytes(data[:-1])
+        with pytest.raises(FormatError, match="not a whole image"):
+            read_image(tmp_path / "a")
+
+
 def test_a_png_of_more_pixels_than_any_camera_has_is_refused_before_it_unpacks(
     tmp_path: Path,
 ) -> None:

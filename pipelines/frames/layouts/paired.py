@@ -101,9 +101,9 @@ def read_paired(pair: ImagePair, camera: Path | None, options: FrameOptions) -> 
 def _refuse_lone(pair: ImagePair) -> NoReturn:
     """Raise a FormatError on the missing image of a pair, naming a file in its place."""
     present, missing, word, kinds = (
-        (pair.color, "depth", "depth", "a 16-bit PNG or TIFF, .npy, .npz or .exr")
+        (pair.color, "depth", "depth", "a 16-bit PNG, TIFF or PGM, .npy, .npz or .exr")
         if pair.depth is None
-        else (pair.depth, "colour", "color", "PNG, JPEG, BMP or TIFF")
+        else (pair.depth, "colour", "color", "PNG, JPEG, BMP, TIFF, WebP or PPM")
     )
     if present is not None and (other := unread_partner(present, word)) is not None:
         found = f"has no {missing} image next to it but {other.name}, which is not read"

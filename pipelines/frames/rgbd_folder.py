@@ -1,6 +1,5 @@
 """Colour and depth images paired by their names, in one folder or in two sister folders."""
 
-import os
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -26,18 +25,6 @@ COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".p
 DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".exr", ".pgm")
 COLOR_FOLDERS = ("rgb", "color", "image", "images", "gray", "colors", "rgbs")
 DEPTH_FOLDERS = ("depth", "depths", "distance_to_image_plane")
-UNREAD_IMAGE_SUFFIXES = (
-    ".jpg",
-    ".jpeg",
-    ".bmp",
-    ".webp",
-    ".ppm",
-    ".pgm",
-    ".gif",
-    ".heic",
-    ".raw",
-    ".npy",
-)
 # Rests of the names of arrays that hold facts about the images, such as depth_scale.npy.
 FACTS = re.compile("(camera[-_.])?((?i:matrix|params|scale|units?|(in|ex)trinsics?)|K)")
 ImageFiles = dict[str, list[Path]]  # by the rest of the name; the first file is taken
@@ -221,10 +208,10 @@ def sister_pairs(folder: Path, suffix: str = "") -> list[ImagePair]:
         None if suffix else _folder_like(folder, pattern)
         for pattern in (ALIGNED_DEPTH, ALIGNED_COLOR)
     )
-    color_folder = _sister(folder, COLOR_FOLDERS, suffix)
+    color_folder = sister(folder, COLOR_FOLDERS, suffix)
     if aligned_color is not None and (aligned_depth is None or color_folder is None):
         color_folder = aligned_color
-    depth_folder = aligned_depth or _sister(folder, DEPTH_FOLDERS, suffix)
+    depth_folder = aligned_depth or sister(folder, DEPTH_FOLDERS, suffix)
     if color_folder is None or depth_folder is None:
         return _pairs_by_word(folder) if not suffix else []
     return _pairs_in(color_folder, depth_folder)
@@ -276,27 +263,8 @@ def _folder_like(folder: Path, pattern: re.Pattern[str]) -> Path | None:
     return next((path for path in named if path.is_dir()), None)
 
 
-def _sister(folder: Path, names: Iterable[str], suffix: str = "") -> Path | None:
+def sister(folder: Path, names: Iterable[str], suffix: str = "") -> Path | None:
     """Return the first folder in `folder` with one of `names`, in the usual letter cases."""
     cased = (each for name in names for each in (name, name.capitalize(), name.upper()))
     found = (folder / f"{name}{suffix}" for name in cased)
     return next((path for path in found if path.is_dir()), None)
-
-
-def unread_partner(image: Path, missing: str) -> Path | None:
-    """Return a file in the place of the `missing` image, `depth` or `color`, that is not read.
-
-    Its suffix is not read, or it is a broken link or a folder.
-    """
-    words, folders = (
-        (("depth",), DEPTH_FOLDERS) if missing == "depth" else (WORDS_OF_COLOR, COLOR_FOLDERS)
-    )
-    word = word_and_rest(image.stem)[0]
-    at = image.stem.lower().rfind(word)
-    head, tail = image.stem[:at], image.stem[at + len(word) :]
-    places = [image.parent / f"{head}{each}{tail}" for each in words if word]
-    if (sister := _sister(image.parent.parent, folders)) is not None and not word:
-        places.append(sister / image.stem)
-    suffixes = {*UNREAD_IMAGE_SUFFIXES, *(DEPTH_SUFFIXES if missing == "depth" else COLOR_SUFFIXES)}
-    named = (Path(f"{place}{suffix}") for place in places for suffix in sorted(suffixes))
-    return next((path for path in named if os.path.lexists(path)), None)

@@ -1,12 +1,31 @@
-"""A sentence on a folder without RGB-D frames: its files, and the missing files."""
+"""Files that are not read: of a folder without RGB-D frames, and in the place of an image."""
 
 import os
 from collections import Counter
 from itertools import islice
 from pathlib import Path
 
-from pipelines.frames.rgbd_folder import COLOR_SUFFIXES
+from pipelines.frames.image_names import WORDS_OF_COLOR, word_and_rest
+from pipelines.frames.rgbd_folder import (
+    COLOR_FOLDERS,
+    COLOR_SUFFIXES,
+    DEPTH_FOLDERS,
+    DEPTH_SUFFIXES,
+    sister,
+)
 
+UNREAD_IMAGE_SUFFIXES = (
+    ".jpg",
+    ".jpeg",
+    ".bmp",
+    ".webp",
+    ".ppm",
+    ".pgm",
+    ".gif",
+    ".heic",
+    ".raw",
+    ".npy",
+)
 MOST_FILES = 5000
 MOST_KINDS = 6
 HINTS = {
@@ -58,3 +77,22 @@ def _missing(folder: Path, files: list[Path]) -> str:
         return f"no colour image goes with {depths[0].relative_to(folder)}"
     first, other = (path.relative_to(folder) for path in (depths[0], others[0]))
     return f"{first} and {other} are no pair by their names"
+
+
+def unread_partner(image: Path, missing: str) -> Path | None:
+    """Return a file in the place of the `missing` image, `depth` or `color`, that is not read.
+
+    Its suffix is not read, or it is a broken link or a folder.
+    """
+    words, folders = (
+        (("depth",), DEPTH_FOLDERS) if missing == "depth" else (WORDS_OF_COLOR, COLOR_FOLDERS)
+    )
+    word = word_and_rest(image.stem)[0]
+    at = image.stem.lower().rfind(word)
+    head, tail = image.stem[:at], image.stem[at + len(word) :]
+    places = [image.parent / f"{head}{each}{tail}" for each in words if word]
+    if (beside := sister(image.parent.parent, folders)) is not None and not word:
+        places.append(beside / image.stem)
+    suffixes = {*UNREAD_IMAGE_SUFFIXES, *(DEPTH_SUFFIXES if missing == "depth" else COLOR_SUFFIXES)}
+    named = (Path(f"{place}{suffix}") for place in places for suffix in sorted(suffixes))
+    return next((path for path in named if os.path.lexists(path)), None)

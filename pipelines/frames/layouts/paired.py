@@ -19,8 +19,8 @@ from pipelines.frames.rgbd_folder import (
     flat_pairs,
     read_with_camera,
     sister_pairs,
-    unread_partner,
 )
+from pipelines.frames.unread_files import unread_partner
 
 SAME_CAMERA = 0.5  # pixels by which rounded intrinsics of one camera may differ
 LONGEST_LOOK = 100_000  # bytes of a camera file that are searched for its key

@@ -11,7 +11,7 @@ from pipelines.frames.graspnet_scene import CAMERAS
 from pipelines.frames.layouts.registry import frames_in, holds_frame, pickled_in
 from pipelines.frames.rgbd import FrameSource
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
-from pipelines.frames.unread_files import why_no_frames
+from pipelines.frames.unread_files import why_no_frame, why_no_frames
 from pipelines.storage.files import is_file, real_path
 from pipelines.storage.unfinished import refuse_unfinished
 
@@ -49,7 +49,7 @@ def find_frames(
     if not folder.is_dir():
         sources = _with_file(folder, stated)
         if not sources:
-            raise SymgraspError(f"{folder} is not a folder; give the folder that holds the frames")
+            raise SymgraspError(why_no_frame(folder))
         return sources
     refuse_unfinished(folder)
     sources = _search(folder, "", stated, partial(_is_wanted, camera, scenes))

@@ -13,6 +13,7 @@ from pipelines.frames.rgbd_folder import (
     DEPTH_SUFFIXES,
     sister,
 )
+from pipelines.storage.files import is_file
 
 UNREAD_IMAGE_SUFFIXES = (
     ".jpg",
@@ -30,19 +31,22 @@ MOST_FILES = 5000
 MOST_KINDS = 6
 HINTS = {
     ".r3d": "export colour and depth images from Record3D",
+    ".depth": "export colour and depth images (EXR) from Record3D",
     ".svo": "save the left images and the depth of a ZED recording as PNG",
     ".svo2": "save the left images and the depth of a ZED recording as PNG",
     ".mkv": "take the images of an Azure Kinect recording out with Open3D",
     ".zdf": "save the organised cloud as .pcd and give --depth-units-per-metre 1000",
     ".oni": "take the images of an OpenNI recording out",
     ".klg": "take the images of the recording out",
-    ".raw": "save raw depth as a 16-bit PNG",
+    ".raw": "save raw depth as a 16-bit PNG next to the colour image",
     ".h5": "save each frame as PNG files, or as .npz with depth, K and rgb",
     ".hdf5": "save each frame as PNG files, or as .npz with depth, K and rgb",
     ".npz": "the arrays of an .npz are named depth, K, and rgb (BGR) or image (RGB)",
     ".ply": "a cloud is read as an organised .pcd only",
     **dict.fromkeys((".zip", ".tar", ".gz", ".tgz", ".7z", ".bz2"), "unpack the archive"),
-    **dict.fromkeys((".mp4", ".avi", ".mov"), "a video has no depth; give images"),
+    **dict.fromkeys(
+        (".mp4", ".avi", ".mov"), "save the colour images of a video next to depth images"
+    ),
 }
 WANTED = (
     "put x_color.png next to x_depth.png and x_camera.json, or rgb/ next to depth/; "
@@ -63,6 +67,14 @@ def why_no_frames(folder: Path) -> str:
     )
     parts = [f"its files are {common}", _missing(folder, files), *hints, WANTED]
     return f"{folder} holds no RGB-D frames; {'; '.join(filter(None, parts))}"
+
+
+def why_no_frame(file: Path) -> str:
+    """Return the sentence on a path that is no folder, and no file of a frame."""
+    if not is_file(file):
+        return f"{file} does not exist; give the folder that holds the frames"
+    advice = HINTS.get(file.suffix.lower(), WANTED)
+    return f"{file} is part of no RGB-D frame; {advice}"
 
 
 def _missing(folder: Path, files: list[Path]) -> str:

@@ -256,7 +256,7 @@ def test_a_folder_without_frames_is_refused_with_the_expected_names(tmp_path: Pa
     (tmp_path / "holiday.jpg").write_bytes(b"")
     with pytest.raises(SymgraspError, match=r"no RGB-D frames.*_color\.png"):
         find_frames(tmp_path)
-    with pytest.raises(SymgraspError, match="not a folder"):
+    with pytest.raises(SymgraspError, match="part of no RGB-D frame"):
         find_frames(tmp_path / "holiday.jpg")
 
 

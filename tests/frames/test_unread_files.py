@@ -85,3 +85,26 @@ def test_images_that_are_no_pair_are_named_with_their_folders(tmp_path: Path) ->
     build.pair(tmp_path / "left/0.png", tmp_path / "aligned_depth/0.png", 0)
     with pytest.raises(SymgraspError, match=r"aligned_depth/0.png and left/0.png are no pair"):
         find_frames(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("file", "sentence"),
+    [
+        ("x_depth.raw", "save raw depth as a 16-bit PNG"),
+        ("take.r3d", "export colour and depth images from Record3D"),
+        ("photo.png", "put x_color.png next to x_depth.png"),
+        ("run.mp4", "save the colour images of a video next to depth images"),
+    ],
+)
+def test_a_file_of_no_frame_is_refused_with_what_would_be_right(
+    tmp_path: Path, file: str, sentence: str
+) -> None:
+    (tmp_path / file).write_bytes(b"")
+    with pytest.raises(SymgraspError, match=f"{file} is part of no RGB-D frame; ") as caught:
+        find_frames(tmp_path / file)
+    assert sentence in str(caught.value)
+
+
+def test_a_path_to_nothing_is_refused_as_such(tmp_path: Path) -> None:
+    with pytest.raises(SymgraspError, match="nowhere does not exist; give the folder"):
+        find_frames(tmp_path / "nowhere")

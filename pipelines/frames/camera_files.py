@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pipelines.array_types import Array
 from pipelines.errors import FormatError, SymgraspError, ValueRangeError
 from pipelines.frames.encodings.camera_texts import (
+    MATRIX_SIZES,
     PIXEL_CENTER,
     read_camera_text,
     read_camera_xml,
@@ -77,7 +78,7 @@ class CameraFile:
         size = f"{width}x{height}"
         if self.width is not None and (self.width, self.height) != (width, height):
             found = f"describes {self.width}x{self.height} images, but the depth is {size}"
-            raise FormatError(self.origin, found, "give the intrinsics of the depth image")
+            raise FormatError(self.origin, found, self._advice(width, height))
         if self.fx < SHORTEST_LENGTH * width or self.fy < SHORTEST_LENGTH * height:
             found = f"has focal lengths of {self.fx:g} and {self.fy:g} pixels for a {size} image"
             raise FormatError(self.origin, found, "give fx and fy in pixels, not in millimetres")
@@ -87,6 +88,16 @@ class CameraFile:
             raise FormatError(self.origin, found, "give the intrinsics of the depth image")
         return Intrinsics(self.fx, self.fy, self.cx, self.cy, width, height)
 
+    def _advice(self, width: int, height: int) -> str:
+        """Return advice to a user whose depth has this size, and this camera another one."""
+        advice = "give the intrinsics of the depth image"
+        if self.width is None or self.height is None or self.width * height != self.height * width:
+            return advice
+        scale = width / self.width
+        center = (scale * (each + PIXEL_CENTER) - PIXEL_CENTER for each in (self.cx, self.cy))
+        numbers = ",".join(f"{n:.6g}" for n in (scale * self.fx, scale * self.fy, *center))
+        return f"{advice}, --intrinsics {numbers} if it is registered to those images"
+
     @classmethod
     def of(cls, intrinsics: Intrinsics, origin: str = "--intrinsics") -> "CameraFile":
         """Return the camera of known `intrinsics`."""
@@ -95,12 +106,15 @@ class CameraFile:
 
     @classmethod
     def from_matrix(cls, path: Path, matrix: NDArray[Any], **facts: Any) -> "CameraFile":  # noqa: ANN401
-        """Return the camera of a (3, 3) or (4, 4) `matrix` from the file `path`."""
+        """Return the camera of a (3, 3), (3, 4) or (4, 4) `matrix` from the file `path`."""
         try:
             K = np.asarray(matrix, dtype=np.float64)
         except (TypeError, ValueError) as error:
             raise FormatError(path, f"holds a value that is no number ({error})", FORMS) from error
-        if K.shape not in ((3, 3), (4, 4)):
+        if K.shape == (3, 4) and K[:, 3].any():
+            found = "a camera matrix with numbers in its fourth column, as of a second camera"
+            raise FormatError(path, found, "give that of the first camera")
+        if K.shape not in ((3, 3), (3, 4), (4, 4)):
             raise FormatError(path, f"a camera matrix of shape {K.shape}", "3x3 is expected")
         if not abs(K[2, 2] - 1.0) <= 1e-6:  # written so that nan fails too
             found = f"a camera matrix with {K[2, 2]:g} in its third row and column"
@@ -254,8 +268,8 @@ def _refuse_skew(path: Path, skew: float) -> None:
 def _matrix(path: Path, stored: list[Any] | dict[str, Any]) -> Array:
     values = stored["data"] if isinstance(stored, dict) else stored
     numbers = np.asarray(values, dtype=np.float64).ravel()
-    if numbers.size not in (9, 16):
+    if numbers.size not in MATRIX_SIZES:
         raise FormatError(path, f"a camera matrix of {numbers.size} numbers", "9 are expected")
-    K = numbers.reshape(3, 3) if numbers.size == 9 else numbers.reshape(4, 4)
+    K = numbers.reshape(4 if numbers.size == 16 else 3, -1)
     # Open3D stores column after column: then the principal point is in the last row.
     return np.asarray(K.T if K[2, 0] > 1.0 and K[0, 2] == 0.0 else K)

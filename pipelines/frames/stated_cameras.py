@@ -14,7 +14,10 @@ SYNONYMS = {
 SKEW_KEYS = ("skew", "_skew")
 MATRIX_KEYS = ("cam_K", "K", "k", "intrinsic_matrix", "intrinsics_matrix", "camera_matrix",
                "Camera_Matrix", "cameraMatrix", "INTRINSICS", "intrinsics", "intrinsic",
-               "mtx")  # fmt: skip
+               "mtx", "P", "projection_matrix")  # fmt: skip
+# Keys of one number for both axes, or of two. Fewer pixels than the least are a lens's millimetres.
+FOCAL_KEYS, CENTER_KEYS = ("focal_length", "focalLength", "f"), ("principal_point",)
+LEAST_PIXELS = 100.0
 ORB_SLAM = ("Camera.", "Camera1.")
 
 
@@ -25,19 +28,47 @@ def with_camera(content: dict[str, Any], view: str = "") -> dict[str, Any]:
     mappings, the one named after the `view` counts (see `view_of`). The keys of ORB-SLAM, such as
     `Camera.fx`, count without their first part.
     """
-    own = {key.partition(".")[2]: each for key, each in content.items() if key.startswith(ORB_SLAM)}
-    content = own | content
+    content = _in_usual_keys(content)
     if states_a_camera(content):
         return content
     below = cameras_below(content)
     if len(below) > 1 and view:
         below = [key for key in below if names_view(key, view)]
-    return {**content, **content[below[0]]} if len(below) == 1 else content
+    return {**content, **_in_usual_keys(content[below[0]])} if len(below) == 1 else content
+
+
+def _in_usual_keys(content: dict[str, Any]) -> dict[str, Any]:
+    """Return `content`, and what it states in other keys: ORB-SLAM's, Zivid's, capitals."""
+    zivid = _mapping(content.get("CameraIntrinsics"))
+    own = _mapping(zivid.get("CameraMatrix")) | _mapping(zivid.get("Distortion"))
+    own |= {
+        key.partition(".")[2]: each for key, each in content.items() if key.startswith(ORB_SLAM)
+    }
+    facts = {key: each for key, each in (content | own).items() if not isinstance(each, dict)}
+    lower = {key.lower(): each for key, each in facts.items()}
+    return _both_axes(content) | lower | own | content
+
+
+def _both_axes(content: dict[str, Any]) -> dict[str, Any]:
+    """Return the focal lengths and the principal point that are stated in one key each."""
+    lengths, center = (_two(first_stated(content, keys)) for keys in (FOCAL_KEYS, CENTER_KEYS))
+    are_pixels = len(lengths) == 2 and min(lengths) >= LEAST_PIXELS
+    return dict(zip(("fx", "fy"), lengths if are_pixels else [], strict=False)) | dict(
+        zip(("cx", "cy"), center, strict=False)
+    )
+
+
+def _two(stated: object) -> list[float]:
+    """Return the numbers of a list of two, or one number twice; an empty list for other values."""
+    numbers = stated if isinstance(stated, list) else [stated, stated]
+    found = [float(each) for each in numbers if isinstance(each, int | float)]
+    return found if len(found) == len(numbers) == 2 else []
 
 
 def cameras_below(content: dict[str, Any]) -> list[str]:
     """Return the keys of the mappings in `content` that hold a camera."""
-    return [k for k, each in content.items() if isinstance(each, dict) and states_a_camera(each)]
+    below = {key: each for key, each in content.items() if isinstance(each, dict)}
+    return [key for key, each in below.items() if states_a_camera(_in_usual_keys(each))]
 
 
 def states_a_camera(content: dict[str, Any]) -> bool:

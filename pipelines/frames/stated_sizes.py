@@ -3,8 +3,26 @@
 import re
 from typing import Any
 
-WIDTH_KEYS = ("width", "img_width", "image_width", "image_Width", "_width", "w", "xres")
-HEIGHT_KEYS = ("height", "img_height", "image_height", "image_Height", "_height", "h", "yres")
+WIDTH_KEYS = (
+    "width",
+    "img_width",
+    "image_width",
+    "image_Width",
+    "_width",
+    "w",
+    "xres",
+    "resolution x",
+)
+HEIGHT_KEYS = (
+    "height",
+    "img_height",
+    "image_height",
+    "image_Height",
+    "_height",
+    "h",
+    "yres",
+    "resolution y",
+)
 
 
 def first_stated(content: dict[str, Any], keys: tuple[str, ...]) -> Any:  # noqa: ANN401 - JSON

@@ -17,6 +17,30 @@ ROWS = [value for row in K for value in row]
 COLUMNS = [60.0, 0.0, 0.0, 0.0, 61.0, 0.0, 31.5, 23.5, 1.0]
 NAMED = {"fx": 60.0, "fy": 61.0, "cx": 31.5, "cy": 23.5}
 # File name, content, and the stated depth units per metre.
+# As `camera.intrinsics.save` of Zivid's SDK and snapshots of the RealSense Viewer write them.
+ZIVID = """__version__:
+  serializer: 1
+  data: 5
+CameraIntrinsics:
+  CameraMatrix: {CX: 31.5, CY: 23.5, FX: 60, FY: 61}
+  Distortion: {K1: 0, K2: 0, K3: 0, P1: 0, P2: 0}
+"""
+REALSENSE_VIEWER = """Frame Info
+Type,Color
+Format,RGB8
+Frame Number,12
+Timestamp (ms),1661.50
+Resolution x,64
+Resolution y,48
+Bytes per pixel,3
+
+Intrinsic:,
+Fx,60.000000
+Fy,61.000000
+PPx,31.500000
+PPy,23.500000
+Distorsion,Inverse Brown Conrady
+"""
 FORMS = [
     ("camera.json", NAMED, None),
     ("camera.json", NAMED | {"width": 64, "height": 48, "depth_scale": 5000.0}, 5000.0),
@@ -44,6 +68,12 @@ FORMS = [
         None,
     ),
     ("camera_info.yaml", "intrinsics:\n  fx: 60\n  fy: 61\n  cx: 31.5\n  cy: 23.5\n", None),
+    ("camera.json", {"K": [[*row, 0.0] for row in K]}, None),
+    ("camera.json", {"P": [number for row in K for number in (*row, 0.0)]}, None),
+    ("cam_K.txt", "60 0 31.5 0\n0 61 23.5 0\n0 0 1 0\n", None),
+    ("camera.json", {"FX": 60, "FY": 61, "CX": 31.5, "CY": 23.5}, None),
+    ("intrinsics.yml", ZIVID, None),
+    ("x_Color_metadata.csv", REALSENSE_VIEWER, None),
     ("meta.yml", f"INTRINSICS: {ROWS}\n", None),
     ("cam_K.txt", "60 0 31.5\n0 61 23.5\n0 0 1\n", None),
     ("intrinsics.txt", "60, 61, 31.5, 23.5", None),
@@ -197,3 +227,45 @@ def test_a_skew_that_is_stated_by_its_name_is_refused(tmp_path: Path) -> None:
         read_camera_file(tmp_path / "a.intr")
     (tmp_path / "a.intr").write_text(json.dumps({**NAMED, "_skew": 0.0}))
     assert read_camera_file(tmp_path / "a.intr").fx == FOUR[0]
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"focal_length": 600.0, "cx": 320.0, "cy": 240.0},
+        {"focal_length": [600.0, 600.0], "principal_point": [320.0, 240.0]},
+        {"f": 600.0, "cx": 320.0, "cy": 240.0},
+    ],
+)
+def test_one_focal_length_counts_for_both_axes(tmp_path: Path, keys: dict[str, object]) -> None:
+    (tmp_path / "camera.json").write_text(json.dumps(keys))
+    camera = read_camera_file(tmp_path / "camera.json")
+    assert (camera.fx, camera.fy, camera.cx, camera.cy) == (600.0, 600.0, 320.0, 240.0)
+
+
+@pytest.mark.parametrize("millimetres", [1.93, 50.0])
+def test_a_focal_length_in_millimetres_is_not_taken_for_pixels(
+    tmp_path: Path, millimetres: float
+) -> None:
+    keys = {"focal_length": millimetres, "cx": 320.0, "cy": 240.0}
+    (tmp_path / "camera.json").write_text(json.dumps(keys))
+    with pytest.raises(FormatError, match="lacks fx, fy"):
+        read_camera_file(tmp_path / "camera.json")
+
+
+def test_a_projection_with_a_baseline_is_refused(tmp_path: Path) -> None:
+    right = np.column_stack([np.array(K), [-50.0, 0.0, 0.0]])
+    np.save(tmp_path / "P.npy", right)
+    with pytest.raises(FormatError, match=r"fourth column.*give that of the first camera"):
+        read_camera_file(tmp_path / "P.npy")
+    right[0, 3] = 0.0
+    np.save(tmp_path / "P.npy", right)
+    assert read_camera_file(tmp_path / "P.npy").fx == 60.0
+
+
+def test_a_camera_of_another_size_is_refused_with_the_camera_of_this_size() -> None:
+    color = CameraFile(900.0, 901.0, 479.5, 359.5, 960, 720)
+    with pytest.raises(FormatError, match=r"--intrinsics 240,240\.267,127\.5,95\.5 if"):
+        color.at(256, 192)
+    with pytest.raises(FormatError, match=r"give the intrinsics of the depth image$"):
+        color.at(640, 360)

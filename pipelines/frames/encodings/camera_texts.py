@@ -15,6 +15,7 @@ from pipelines.errors import FormatError
 from pipelines.storage.files import read_bytes
 
 MAX_BYTES = 2**20  # of a file; cameras have some thousand
+MATRIX_SIZES = (9, 12, 16)  # numbers of 3x3, 3x4 and 4x4
 MAX_LEVELS = 4  # of XML; OpenCV's matrices have two
 FORMS = "fx fy cx cy, a 3x3 matrix, or lines such as `fx = 600` are expected"
 COMMENT = re.compile(r"(#|//|%).*")
@@ -46,6 +47,8 @@ def read_camera_text(path: Path) -> dict[str, Any]:
     text = QUOTES.sub("", "\n".join(COMMENT.sub("", line) for line in text.splitlines())).strip()
     if COLMAP_LINE.match(text):
         return _colmap_camera(path, text.splitlines())
+    if "fx" in (table := _table(text)):
+        return table
     _heading, *parts = KEY.split(text)
     if parts:
         return _pairs(path, parts[::2], parts[1::2])
@@ -59,12 +62,18 @@ def read_camera_text(path: Path) -> dict[str, Any]:
     match numbers:
         case [fx, fy, cx, cy]:
             return {"fx": fx, "fy": fy, "cx": cx, "cy": cy}
-        case list() if len(numbers) in (9, 16):
+        case list() if len(numbers) in MATRIX_SIZES:
             return {"K": numbers}
         case list() | float():
             count = len(numbers) if isinstance(numbers, list) else 1
             raise FormatError(path, f"{count} numbers", FORMS)
     raise FormatError(path, "holds a text that is no number", FORMS)
+
+
+def _table(text: str) -> dict[str, Any]:
+    """Return the values of lines `name,value`, as of the RealSense Viewer's `Fx,600`."""
+    rows = (line.split(",") for line in text.splitlines())
+    return {row[0].strip().lower(): _value(row[1]) for row in rows if len(row) == 2}
 
 
 def read_camera_xml(path: Path) -> dict[str, Any]:

@@ -93,9 +93,9 @@ class CameraFile:
         advice = "give the intrinsics of the depth image"
         if self.width is None or self.height is None or self.width * height != self.height * width:
             return advice
-        scale = width / self.width
-        center = (scale * (each + PIXEL_CENTER) - PIXEL_CENTER for each in (self.cx, self.cy))
-        numbers = ",".join(f"{n:.6g}" for n in (scale * self.fx, scale * self.fy, *center))
+        own = Intrinsics(self.fx, self.fy, self.cx, self.cy, self.width, self.height)
+        i = own.resized(width, height)
+        numbers = ",".join(f"{number:.6g}" for number in (i.fx, i.fy, i.cx, i.cy))
         return f"{advice}, --intrinsics {numbers} if it is registered to those images"
 
     @classmethod

@@ -144,8 +144,8 @@ def make_frame(
         notes: oddities of the frame.
 
     Raises:
-        FormatError: no camera, a fault of the depth (see `read_depth`), or colour of a size that is
-            no integer ratio of the depth's.
+        FormatError: no camera, a fault of the depth (see `read_depth`), or colour whose sides have
+            another ratio than those of the depth.
     """
     measured, unit = _metres(*depth, units)
     height, width = measured.shape
@@ -181,17 +181,14 @@ def _without_distortion(frame: Frame, camera: CameraFile) -> Frame:
 
 
 def fit_color(path: Path, color: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
-    """Return `color` at the depth's size; only integer ratios may be resampled."""
+    """Return `color` at the depth's size; only sizes of one ratio may be resampled."""
     if color.shape[:2] == (height, width):
         return color
     found = f"colour is {color.shape[1]}x{color.shape[0]}, depth is {width}x{height}"
-    down = color.shape[0] % height == 0 and color.shape[1] % width == 0
-    up = height % color.shape[0] == 0 and width % color.shape[1] == 0
-    same_ratio = color.shape[0] * width == color.shape[1] * height
-    if not (same_ratio and (down or up)):
-        raise FormatError(path, found, "register them to one size, or to an integer ratio")
+    if color.shape[0] * width != color.shape[1] * height:
+        raise FormatError(path, found, "register them to one size, or to sizes of one ratio")
     log.info("%s: %s; colour is resampled to the depth", path, found)
-    method = cv2.INTER_AREA if down else cv2.INTER_NEAREST
+    method = cv2.INTER_AREA if color.shape[0] > height else cv2.INTER_NEAREST
     return np.asarray(cv2.resize(color, (width, height), interpolation=method), dtype=np.uint8)
 
 

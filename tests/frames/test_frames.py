@@ -378,6 +378,18 @@ def test_colour_of_twice_the_size_is_resampled_and_reported(
     assert "128x96" in caplog.text
 
 
+@pytest.mark.parametrize("size", [(240, 180), (40, 30)])  # 3.75 times the depth, as of phones
+def test_colour_of_any_multiple_of_the_depths_size_is_resampled(
+    flat: Path, color: np.ndarray, size: tuple[int, int]
+) -> None:
+    smooth = cv2.blur(color, (31, 31))
+    picture = cv2.resize(smooth, size, interpolation=cv2.INTER_LINEAR)
+    cv2.imwrite(str(flat / "a_color.png"), picture[:, :, ::-1])
+    frame = find_frames(flat)[0].read()
+    assert frame.notes == (f"colour of {size[0]}x{size[1]} is resampled to the depth",)
+    assert np.abs(frame.color.astype(int) - smooth).max() <= 6
+
+
 def test_colour_of_another_shape_is_refused(flat: Path, color: np.ndarray) -> None:
     cv2.imwrite(str(flat / "a_color.png"), color[:40])
     with pytest.raises(FormatError, match="64x40"):

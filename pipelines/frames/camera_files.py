@@ -6,6 +6,7 @@ Internally the unit of depth is always `units_per_metre`; `stated_units` reads i
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,7 @@ from pipelines.storage.files import is_file, read_json
 
 # Suffixes of files with keys.
 MAPPINGS = (".json", ".intr", ".yml", ".yaml", ".txt", ".csv", ".xml")
+SIXD_INDEX = "info.yml"  # a camera for each image
 FORMS = "fx, fy, cx, cy or a 3x3 matrix (cam_K, K, intrinsic_matrix) is expected"
 # A principal point this near the border means intrinsics of another image size.
 CENTRAL = (0.1, 0.9)
@@ -195,6 +197,10 @@ def units_of(path: Path, content: Mapping[str, Any]) -> float | None:
 def _content(path: Path, frame: str) -> Any:  # noqa: ANN401 - JSON
     """Return the content of a file with keys, or the part of it that is on this frame."""
     match path.suffix.lower():
+        case ".yml" if path.name == SIXD_INDEX and is_file(path):
+            scene = _sixd_scene(path, path.stat().st_mtime_ns)
+            is_scene = isinstance(scene, dict) and not states_a_camera(with_camera(scene))
+            return _camera_of(path, scene, frame) if is_scene else scene
         case ".yml" | ".yaml":
             return read_yaml(path)
         case ".txt" | ".csv":
@@ -248,6 +254,11 @@ def may_hold_camera(path: Path) -> bool:
     except (SymgraspError, OSError):
         return True
     return isinstance(content, dict) and states_a_camera(with_camera(content))
+
+
+@lru_cache(maxsize=1)  # of a thousand cameras, YAML takes some seconds
+def _sixd_scene(path: Path, _changed: int) -> Any:  # noqa: ANN401 - YAML
+    return read_yaml(path)
 
 
 def _camera_of(path: Path, scene: dict[str, Any], frame: str) -> Any:  # noqa: ANN401 - JSON

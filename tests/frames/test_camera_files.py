@@ -8,8 +8,10 @@ import pytest
 import scipy.io
 
 from pipelines.errors import FormatError, SymgraspError, ValueRangeError
+from pipelines.frames import camera_files
 from pipelines.frames.camera_files import CameraFile, parse_camera, read_camera_file
 from pipelines.frames.camera_search import find_camera_file
+from pipelines.frames.encodings.yaml_files import read_yaml
 
 FOUR = (60.0, 61.0, 31.5, 23.5)
 K = [[60.0, 0.0, 31.5], [0.0, 61.0, 23.5], [0.0, 0.0, 1.0]]
@@ -110,6 +112,22 @@ def test_a_bop_scene_has_a_camera_for_each_frame(tmp_path: Path) -> None:
     assert read_camera_file(path, "000012").units_per_metre == 10000.0
     with pytest.raises(FormatError, match="lacks"):
         read_camera_file(path, "000013")
+
+
+def test_the_cameras_of_a_sixd_scene_are_read_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, reads = tmp_path / "info.yml", list[Path]()
+    path.write_text("".join(f"{i}:\n  cam_K: {ROWS}\n  depth_scale: {i / 10}\n" for i in (1, 2)))
+
+    def counted(path: Path) -> object:
+        reads.append(path)
+        return read_yaml(path)
+
+    monkeypatch.setattr(camera_files, "read_yaml", counted)
+    units = [read_camera_file(path, frame).units_per_metre for frame in ("0001", "0002", "0001")]
+    assert units == [10000.0, 5000.0, 10000.0]
+    assert reads == [path]
 
 
 def test_a_frames_own_camera_comes_before_the_folders(tmp_path: Path) -> None:

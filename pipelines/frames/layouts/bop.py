@@ -1,5 +1,6 @@
 """BOP scenes: a camera per image in `scene_camera.json`; several sensors by a suffix of all names.
 
+SIXD, BOP's first form, has them in `info.yml`; LINEMOD is often passed on so.
 `rgb_photoneo/`, `depth_photoneo/` and `scene_camera_photoneo.json` belong to one sensor, as in
 BOP's industrial data sets; the names of its frames begin with the sensor's name.
 """
@@ -8,8 +9,9 @@ import functools
 from collections.abc import Iterator
 from pathlib import Path
 
+from pipelines.frames.camera_files import SIXD_INDEX
 from pipelines.frames.layouts.layout import FoundFrame, Layout
-from pipelines.frames.layouts.paired import read_paired
+from pipelines.frames.layouts.paired import holds_text, read_paired
 from pipelines.frames.rgbd_folder import FrameOptions, sister_pairs
 
 INDEX = "scene_camera"
@@ -17,8 +19,9 @@ INDEX = "scene_camera"
 
 def _find(folder: Path, options: FrameOptions) -> Iterator[FoundFrame]:
     """Yield the frames of each sensor that has colour (or grey) and depth."""
-    for camera in sorted(folder.glob(f"{INDEX}*.json")):
-        suffix = camera.stem.removeprefix(INDEX)
+    old = [path for path in (folder / SIXD_INDEX,) if holds_text(path, "cam_K")]
+    for camera in sorted(folder.glob(f"{INDEX}*.json")) or old:
+        suffix = "" if camera.name == SIXD_INDEX else camera.stem.removeprefix(INDEX)
         for pair in sister_pairs(folder, suffix):
             read = functools.partial(read_paired, pair, camera, options)
             stem = f"{suffix.strip('_')}/{pair.stem}"

@@ -41,7 +41,7 @@ class Pairing:
     def is_in(self, folder: Path) -> bool:
         """Return whether `folder` holds one of the markers."""
         found = (path for marker in self.markers for path in folder.glob(marker))
-        return any(not self.key or _holds(path, self.key) for path in found)
+        return any(not self.key or holds_text(path, self.key) for path in found)
 
     def camera_file(
         self, folder: Path, pair: ImagePair, shared: Path | None, listed: Container[str]
@@ -76,7 +76,8 @@ class Pairing:
             yield FoundFrame(pair.stem, read, files, is_whole=pair.is_whole)
 
 
-def _holds(path: Path, key: str) -> bool:
+def holds_text(path: Path, key: str) -> bool:
+    """Return whether the beginning of the file `path` contains `key`."""
     if not path.is_file():
         return False
     with path.open("rb") as stream:

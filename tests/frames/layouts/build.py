@@ -74,6 +74,14 @@ def bop_scene(folder: Path) -> None:
     write(folder / "scene_camera.json", {str(i): camera for i in range(COUNT)})
 
 
+def sixd_scene(folder: Path) -> None:
+    """Write a scene in BOP's first form, SIXD, as of LINEMOD."""
+    sisters(folder, 4)
+    rows = (f"{i}:\n  cam_K: {K.ravel().tolist()}\n  depth_scale: 1.0\n" for i in range(COUNT))
+    write(folder / "info.yml", "".join(rows))
+    write(folder / "gt.yml", "0:\n- cam_t_m2c: [1, 2, 3]\n  obj_id: 1\n")
+
+
 def bop_sensor(folder: Path) -> None:
     """Write one sensor of BOP's industrial data sets, and another one without depth."""
     for i in range(COUNT):
@@ -225,6 +233,7 @@ LAYOUTS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "graspnet_demo": ("GraspNet demo folder", graspnet_demo),
     "ycb_video": ("YCB-Video", ycb_video),
     "bop_scene": ("BOP scene", bop_scene),
+    "sixd_scene": ("BOP scene", sixd_scene),
     "bop_sensor": ("BOP scene", bop_sensor),
     "bop_image": ("BOP single image", bop_image),
     "megapose": ("BOP single image", megapose),

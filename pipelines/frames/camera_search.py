@@ -35,6 +35,8 @@ SHARED_CAMERA_FILES = (
 )
 # Endings of a frame's own camera file, which is searched first.
 OWN_CAMERA_ENDINGS = ("camera.json", "intrinsics.json", "meta.mat")
+# Isaac Sim's, other programs' and Polycam's, which are searched next.
+OTHER_OWN_FILES = ("camera_params_{}.json", "camera_{}.json", "cameras/{}.json")
 # Suffixes of other files that may hold a camera, and of files that are only named to the user.
 READ = (".json", ".yaml", ".yml", ".intr", ".txt", ".csv", ".xml", ".npy")
 NAMED = (*READ, ".ini", ".cfg", ".conf", ".toml", ".mat")
@@ -61,7 +63,8 @@ def own_camera_file(folder: Path, name: str, listed: Container[str] | None = Non
     def is_there(file: str) -> bool:
         return (listed is None or file.partition("/")[0] in listed) and (folder / file).is_file()
 
-    own = (f"{name}{mark}{end}" for end in OWN_CAMERA_ENDINGS for mark in "_-.")
+    own = [f"{name}{mark}{end}" for end in OWN_CAMERA_ENDINGS for mark in "_-."]
+    own += [each.format(name) for each in OTHER_OWN_FILES]
     found = next(filter(is_there, own), None)
     if found is not None:
         return folder / found

@@ -46,7 +46,19 @@ def _in_usual_keys(content: dict[str, Any]) -> dict[str, Any]:
     }
     facts = {key: each for key, each in (content | own).items() if not isinstance(each, dict)}
     lower = {key.lower(): each for key, each in facts.items()}
-    return _both_axes(content) | lower | own | content
+    return _rendered(content) | _both_axes(content) | lower | own | content
+
+
+def _rendered(content: dict[str, Any]) -> dict[str, Any]:
+    """Return the camera that Isaac Sim states by the lens and the width of what it sees."""
+    keys = ("renderProductResolution", "cameraAperture", "cameraFocalLength")
+    match [content.get(key) for key in keys]:
+        case [[int(width), int(height)], [int() | float() as seen, _], int() | float() as length]:
+            if seen > 0 and content.get("cameraModel", "pinhole") == "pinhole":
+                lengths = dict.fromkeys(("fx", "fy"), width * length / seen)
+                center = {"cx": (width - 1) / 2, "cy": (height - 1) / 2}
+                return lengths | center | {"width": width, "height": height}
+    return {}
 
 
 def _both_axes(content: dict[str, Any]) -> dict[str, Any]:

@@ -162,6 +162,31 @@ def test_the_camera_file_of_the_depth_image_is_read(tmp_path: Path) -> None:
     assert find_frames(tmp_path)[0].read().intrinsics.fx == 65.0
 
 
+@pytest.mark.parametrize("name", ["cameras/0.json", "camera_params_0.json", "camera_0.json"])
+def test_the_camera_of_a_frame_may_be_in_a_folder_or_begin_with_the_word(
+    tmp_path: Path, name: str
+) -> None:
+    build.pair(tmp_path / "images/0.png", tmp_path / "depth/0.png", 0)
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).write_text(json.dumps(NAMED))
+    assert find_frames(tmp_path)[0].read().intrinsics.fx == build.FOUR[0]
+
+
+def test_the_camera_of_isaac_sim_is_that_of_its_lens(tmp_path: Path) -> None:
+    build.pair(tmp_path / "rgb_0.png", tmp_path / "depth_0.png", 0)
+    lens = {"cameraAperture": [20.955, 15.7], "cameraFocalLength": 24, "cameraModel": "pinhole"}
+    size = [build.WIDTH, build.HEIGHT]
+    path = tmp_path / "camera_params_0.json"
+    path.write_text(json.dumps(lens | {"renderProductResolution": size}))
+    camera = find_frames(tmp_path)[0].read().intrinsics
+    assert camera.fx == camera.fy == pytest.approx(48 * 24 / 20.955)
+    assert (camera.cx, camera.cy) == (23.5, 17.5)
+    lens["cameraModel"] = "fisheyePolynomial"
+    path.write_text(json.dumps(lens | {"renderProductResolution": size}))
+    with pytest.raises(FormatError):
+        find_frames(tmp_path)[0].read()
+
+
 def test_a_file_of_several_cameras_is_described_as_such(bare: Path) -> None:
     content = {"color": NAMED, "depth": NAMED, "serial": 7}
     (bare / "intrinsics.json").write_text(json.dumps(content))

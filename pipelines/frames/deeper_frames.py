@@ -2,10 +2,12 @@
 
 import logging
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
 
+from pipelines.frames.frame_names import last_part
+from pipelines.frames.layouts import pcd
 from pipelines.frames.layouts.registry import frames_in, holds_frame
 from pipelines.frames.rgbd import FrameSource
 from pipelines.frames.rgbd_folder import NOTHING_STATED
@@ -23,27 +25,32 @@ def warn_of_deeper_frames(frames: Path, sources: Sequence[FrameSource]) -> None:
     """
     if not frames.is_dir():
         return
+    names = {last_part(source.name) for source in sources}
     unread = [
         folder
         for folder in islice(_others_below(frames, sources), MOST_FOLDERS)
-        if _holds_frame(folder)
+        if _holds_frame(folder, names)
     ]
     if unread:
-        names = ", ".join(map(str, unread[:MOST_NAMED]))
+        named = ", ".join(map(str, unread[:MOST_NAMED]))
         more = f" and {len(unread) - MOST_NAMED} more folders" if len(unread) > MOST_NAMED else ""
         log.warning(
             "the frames in %s%s are not read, because a folder above holds frames; run the command "
             "on each of these folders too",
-            names,
+            named,
             more,
         )
 
 
-def _holds_frame(folder: Path) -> bool:
+def _holds_frame(folder: Path, names: Container[str]) -> bool:
+    """Return whether `folder` holds other frames than clouds of the frames with `names`."""
     try:
-        return holds_frame(frames_in(folder, "", NOTHING_STATED))
+        found = frames_in(folder, "", NOTHING_STATED)
     except OSError:  # a folder that may not be read is none of the frames' own
         return False
+    return holds_frame(
+        each for each in found if each.layout != pcd.LAYOUT.name or each.name not in names
+    )
 
 
 def _others_below(frames: Path, sources: Sequence[FrameSource]) -> Iterator[Path]:

@@ -11,6 +11,7 @@ from pipelines.frames import deeper_frames
 from pipelines.frames.deeper_frames import warn_of_deeper_frames
 from pipelines.frames.frames import find_frames
 from pipelines.inspect_frames import run
+from tests.frames.layouts import build
 
 Save = Callable[..., None]
 
@@ -39,6 +40,19 @@ def test_folders_of_the_frames_themselves_and_of_pictures_get_no_remark(
         save(folder / "rgb" / "0.png", folder / "depth" / "0.png", folder / "camera.json")
         save(folder / "label" / "0.png", None, None)
         save(folder / ".trash" / "color.png", folder / ".trash" / "depth.png", None)
+    assert warnings(tmp_path, caplog) == ""
+
+
+def test_clouds_of_the_frames_themselves_get_no_remark(
+    tmp_path: Path, save: Save, caplog: pytest.LogCaptureFixture
+) -> None:
+    save(tmp_path / "rgb" / "0.png", tmp_path / "depth" / "0.png", tmp_path / "camera.json")
+    (tmp_path / "pcd").mkdir()
+    build.pcd(tmp_path / "pcd")  # as in OCID; the clouds 0, 1 and 2
+    assert "pcd are not read" in warnings(tmp_path, caplog)
+    caplog.clear()
+    for other in (1, 2):
+        (tmp_path / f"pcd/{other}.pcd").unlink()
     assert warnings(tmp_path, caplog) == ""
 
 

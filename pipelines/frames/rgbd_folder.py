@@ -1,7 +1,7 @@
 """Colour and depth images paired by their names, in one folder or in two sister folders."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
@@ -27,6 +27,7 @@ COLOR_FOLDERS = ("rgb", "color", "image", "images", "gray", "colors", "rgbs")
 DEPTH_FOLDERS = ("depth", "depths", "distance_to_image_plane")
 # Rests of the names of arrays that hold facts about the images, such as depth_scale.npy.
 FACTS = re.compile("(camera[-_.])?((?i:matrix|params|scale|units?|(in|ex)trinsics?)|K)")
+FURTHER = re.compile(r"(.+?)((?:[-_.][a-zA-Z]+)+)")
 ImageFiles = dict[str, list[Path]]  # by the rest of the name; the first file is taken
 
 
@@ -133,7 +134,18 @@ def flat_pairs(folder: Path) -> list[ImagePair]:
     }
     others = _others_by_stem(files)
     colors |= {stem: [others[stem]] for stem in depths if stem not in colors and stem in others}
-    return _paired(colors, depths)
+    whole = colors.keys() & depths.keys()
+    pairs = _paired(colors, depths)
+    return [pair for pair in pairs if pair.is_whole or not _is_further(pair, whole)]
+
+
+def _is_further(lone: ImagePair, whole: Container[str]) -> bool:
+    """Return whether a lone image is a further picture of a whole frame, as depth1-gt of depth1."""
+    further = FURTHER.fullmatch(lone.stem)
+    image = lone.color or lone.depth
+    if further is None or image is None:
+        return False
+    return further[1] in whole and image.stem.endswith(further[2])
 
 
 def _others_by_stem(files: Sequence[Path]) -> dict[str, Path]:

@@ -88,3 +88,19 @@ def test_a_folder_of_scenes_that_are_not_graspnets_hides_no_folders_next_to_it(
     for place in ("kitchen", "scenes/one"):
         recording(tmp_path / place, save)
     assert [source.name for source in find_frames(tmp_path)] == ["kitchen/x", "scenes/one/x"]
+
+
+@pytest.mark.parametrize(
+    "name", ["depth1-gt.png", "depth1-gt-mask.png", "depth_1_colormap.png", "rgb1_annotated.png"]
+)
+def test_further_pictures_of_a_frame_are_no_frames(tmp_path: Path, save: Save, name: str) -> None:
+    save(tmp_path / "rgb1.png", tmp_path / "depth1.png", tmp_path / "camera.json")
+    stray(tmp_path / name)
+    assert [source.name for source in find_frames(tmp_path)] == ["1"]
+
+
+@pytest.mark.parametrize("name", ["depth1_2.png", "depth12.png", "1_left_color.png"])
+def test_an_image_of_another_frame_is_still_reported(tmp_path: Path, save: Save, name: str) -> None:
+    save(tmp_path / "rgb1.png", tmp_path / "depth1.png", tmp_path / "camera.json")
+    stray(tmp_path / name)
+    assert len(find_frames(tmp_path)) == 2

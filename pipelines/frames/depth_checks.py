@@ -7,11 +7,14 @@ objects are as wide as a door or as narrow as a pencil, the unit is wrong (D. 12
 
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from pipelines.errors import FormatError
 
 WIDTH = 160  # columns of a thinned image
 FITTED = 4000  # pixels that the flat surface is fitted to
@@ -32,6 +35,7 @@ LOOKS_INVERSE = (
     "in their inverse; save distances in metres, z = focal length x baseline / disparity"
 )
 SWAPPED = "objects on the flat surface appear behind it: near and far look swapped"
+RAW_SUFFIXES = (".npy", ".npz", ".exr", ".tif", ".tiff", ".raw")  # that a picture may be next to
 MISSING_DEPTH = 65535  # saturated in 16-bit files of several sensors
 # Depth that many pixels share, this much farther than any other, may stand for missing depth, as
 # 4095 or a renderer's far plane; 35 real frames have no such depth.
@@ -154,6 +158,35 @@ def has_rotated_bits(values: NDArray[np.float32]) -> bool:
     shares = [np.count_nonzero(known % each == 0) / known.size for each in (step, 2 * step)]
     is_shifted = bool(shares[0] >= MULTIPLES > shares[1])
     return is_shifted and len(np.unique(known)) >= FEWEST_VALUES
+
+
+def one_channel(path: Path, stored: NDArray[Any]) -> NDArray[Any]:
+    """Return `stored` as (H, W).
+
+    Raises:
+        FormatError: a picture of depth, or another array.
+    """
+    if stored.ndim == 3 and stored.shape[2] == 1:
+        stored = stored[:, :, 0]
+    if stored.ndim == 3 and stored.shape[2] in (3, 4):
+        found = f"depth has {stored.shape[2]} channels, as a colourised picture has"
+        raise FormatError(path, found, _raw_depth(path))
+    if stored.ndim != 2 or stored.size == 0 or stored.dtype.kind not in "fiu":
+        found = f"depth is an array {stored.shape} of {stored.dtype}"
+        raise FormatError(path, found, "numbers of shape (height, width) are expected")
+    if stored.dtype.itemsize == 1:
+        raise FormatError(path, "depth has 8 bits", _raw_depth(path))
+    return stored
+
+
+def _raw_depth(picture: Path) -> str:
+    """Return the way from a picture of the depth to the depth, which may be next to it."""
+    suffixes = RAW_SUFFIXES if picture.suffix else ()  # an array has no file
+    there = [each for each in suffixes if picture.with_suffix(each).is_file()]
+    name = picture.with_suffix(there[0]).name if there else "the raw depth"
+    if there and there[0] != ".raw":
+        return f"remove it, so that {name} is read"
+    return f"save {name} as a 16-bit PNG of one channel, in millimetres"
 
 
 def nothing_measured(stored: NDArray[Any]) -> tuple[str, str]:

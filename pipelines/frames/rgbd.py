@@ -25,6 +25,7 @@ from pipelines.frames.depth_checks import (
     has_rotated_bits,
     is_inverse,
     nothing_measured,
+    one_channel,
 )
 from pipelines.frames.encodings.exr_files import read_exr
 from pipelines.frames.exif import turned_like_depth
@@ -37,6 +38,7 @@ from pipelines.storage.images import read_image
 log = logging.getLogger(__name__)
 
 CANDIDATE_UNITS = (1000.0, 10000.0, 5000.0, 1.0)  # mm; 0.1 mm; TUM; metres
+CENTIMETRES = 100.0  # of some renderers
 NEAREST_SHARE = 0.3  # far background must not hide a table near the camera
 SAMPLE = 20_000  # pixels are enough for a median
 LIKELY_DEPTH = (0.15, 4.0)  # m, of the median of the nearest share
@@ -194,7 +196,7 @@ def fit_color(path: Path, color: NDArray[np.uint8], width: int, height: int) -> 
 
 def _metres(path: Path, stored: NDArray[Any], units: DepthUnits) -> tuple[Singles, float]:
     """Return depth (H, W) in metres, 0 = missing, and its unit, from the numbers in `path`."""
-    stored = _one_channel(path, stored)
+    stored = one_channel(path, stored)
     is_float = stored.dtype.kind == "f"
     with np.errstate(over="ignore"):  # too large for float32 is infinite, hence missing
         values = stored.astype(np.float32)
@@ -211,26 +213,6 @@ def _metres(path: Path, stored: NDArray[Any], units: DepthUnits) -> tuple[Single
     if (is_near := depth <= FARTHEST_DEPTH).any():
         depth[~is_near] = 0.0
     return depth, unit
-
-
-def _one_channel(path: Path, stored: NDArray[Any]) -> NDArray[Any]:
-    """Return `stored` as (H, W); refuse pictures of depth and other arrays."""
-    if stored.ndim == 3 and stored.shape[2] == 1:
-        stored = stored[:, :, 0]
-    if stored.ndim == 3 and stored.shape[2] in (3, 4):
-        raise FormatError(
-            path,
-            f"depth has {stored.shape[2]} channels, as a colourised picture has",
-            "save the raw depth as a 16-bit PNG of one channel",
-        )
-    if stored.ndim != 2 or stored.size == 0 or stored.dtype.kind not in "fiu":
-        found = f"depth is an array {stored.shape} of {stored.dtype}"
-        raise FormatError(path, found, "numbers of shape (height, width) are expected")
-    if stored.dtype.itemsize == 1:
-        raise FormatError(
-            path, "depth has 8 bits", "save the raw depth as a 16-bit PNG, in millimetres"
-        )
-    return stored
 
 
 def stored_depth(path: Path) -> NDArray[Any]:
@@ -269,7 +251,9 @@ def _check_plausible(path: Path, values: NDArray[Any], depth: Singles, units: De
     has_likelier = any(near <= typical / unit <= far for unit in CANDIDATE_UNITS)
     if CLOSEST_DEPTH <= nearest < near and (units.is_stated or not has_likelier):
         return
-    options = ", ".join(f"{typical / unit:.4g} m under {unit:g}" for unit in CANDIDATE_UNITS)
+    options = ", ".join(
+        f"{typical / unit:.4g} m under {unit:g}" for unit in (*CANDIDATE_UNITS, CENTIMETRES)
+    )
     raise FormatError(
         path,
         f"the nearest depths are about {nearest:.4g} m, outside {near:g} to {far:g} m",

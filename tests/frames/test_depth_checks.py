@@ -157,3 +157,29 @@ def test_a_renderers_depth_buffer_gets_a_remark() -> None:
     buffer = far / (far - near) - far * near / ((far - near) * table(0.4))
     assert any("depth buffer" in sentence for sentence in warnings_of(buffer))
     assert warnings_of(table(0.0) + 0.25) == []  # from straight above, some of it beyond 1 m
+
+
+@pytest.mark.parametrize(
+    ("other", "advice"),
+    [
+        ("0_depth.npy", "remove it, so that 0_depth.npy is read"),
+        ("0_depth.raw", "save 0_depth.raw as a 16-bit PNG of one channel"),
+        ("1_depth.npy", "save the raw depth as a 16-bit PNG of one channel"),
+    ],
+)
+def test_the_depth_next_to_a_picture_of_it_is_named(
+    tmp_path: Path, other: str, advice: str
+) -> None:
+    write_image(tmp_path / "0_color.png", np.zeros((40, 60, 3), np.uint8))
+    (tmp_path / other).write_bytes(b"")
+    for picture in (np.zeros((40, 60, 3), np.uint8), np.zeros((40, 60), np.uint8)):
+        write_image(tmp_path / "0_depth.png", picture)
+        with pytest.raises(FormatError, match=advice):
+            find_frames(tmp_path)[0].read()
+
+
+def test_depth_in_centimetres_is_refused_with_its_unit(tmp_path: Path) -> None:
+    np.save(tmp_path / "0_depth.npy", 100 * table(0.4))
+    write_image(tmp_path / "0_color.png", np.zeros((240, 320, 3), np.uint8))
+    with pytest.raises(FormatError, match=r"0\.\d+ m under 100\b"):
+        find_frames(tmp_path, FrameOptions(parse_camera("300,300,159.5,119.5")))[0].read()

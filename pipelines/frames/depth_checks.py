@@ -154,6 +154,8 @@ def _swapped(thinned: _ThinnedDepth) -> str | None:
 def has_rotated_bits(values: NDArray[np.float32]) -> bool:
     """Return whether stored numbers are millimetres whose bits moved by 3; some are above 0."""
     known = values[values > 0]
+    if known.max() >= MISSING_DEPTH:  # 16 bits hold no such number
+        return False
     step = 2**ROTATED_BITS
     shares = [np.count_nonzero(known % each == 0) / known.size for each in (step, 2 * step)]
     is_shifted = bool(shares[0] >= MULTIPLES > shares[1])

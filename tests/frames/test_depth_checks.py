@@ -150,6 +150,7 @@ def test_depth_of_few_values_or_of_wider_steps_has_no_rotated_bits() -> None:
     for step, count in ((8, 20), (16, 500), (1, 500)):
         values = 800 + step * np.arange(count, dtype=np.float32)
         assert not has_rotated_bits(np.tile(values, (30, 1)))
+    assert not has_rotated_bits(np.arange(500_000, 900_000, 1000, dtype=np.float32))  # micrometres
 
 
 def test_a_renderers_depth_buffer_gets_a_remark() -> None:

@@ -1,7 +1,7 @@
 """Contact-GraspNet's and 6-DOF GraspNet's frames: named arrays in one `.npz` per frame.
 
     depth              (H, W) float metres; whole numbers are millimetres
-    K                  (3, 3); also `intrinsics_matrix`, `intrinsic_matrix`, `cam_K`
+    K                  (3, 3); also `intrinsics_matrix`, `intrinsics`, `cam_K`, ...
     depth_scale, D     unit and lens distortion, by the keys of camera files; optional
     rgb                (H, W, 3) uint8 in the order **BGR**, as in Contact-GraspNet; optional
     image              (H, W, 3) uint8 RGB, as in 6-DOF GraspNet
@@ -31,7 +31,10 @@ from pipelines.storage.files import existing
 
 NAME = "Contact-GraspNet / 6-DOF GraspNet arrays"
 PICKLED_NAME = "Contact-GraspNet / 6-DOF GraspNet pickles"
-CAMERA_KEYS = ("K", "intrinsics_matrix", "intrinsic_matrix", "cam_K")
+CAMERA_KEYS = (
+    *("K", "intrinsics_matrix", "intrinsic_matrix", "cam_K"),
+    *("intrinsics", "intrinsic", "camera_matrix"),
+)
 CLOUD_KEYS = ("xyz", "xyz_color")
 GREY = 128
 MOST_NUMBERS = 16  # of a camera's array: a 4x4 matrix; a lens has 14

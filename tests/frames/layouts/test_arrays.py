@@ -40,6 +40,12 @@ def test_colour_of_a_wrong_shape_or_type_is_reported_in_one_sentence(
     assert "`rgb` is" in refusal(tmp_path, depth=METRES, K=build.K, rgb=color)
 
 
+@pytest.mark.parametrize("key", ["intrinsics", "intrinsic", "camera_matrix"])
+def test_the_camera_has_the_names_of_camera_files(tmp_path: Path, key: str) -> None:
+    np.savez(tmp_path / "x.npz", **{"depth": METRES, "image": build.color(0), key: build.K})
+    assert find_frames(tmp_path)[0].read().intrinsics.fx == build.FOUR[0]
+
+
 def test_missing_colour_is_replaced_by_grey_and_reported(tmp_path: Path) -> None:
     np.savez(tmp_path / "x.npz", depth=METRES, K=build.K)
     frame = find_frames(tmp_path)[0].read()

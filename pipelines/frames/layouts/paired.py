@@ -20,6 +20,7 @@ from pipelines.frames.rgbd_folder import (
     read_with_camera,
     sister_pairs,
 )
+from pipelines.frames.scale_files import read_scale, scale_file
 from pipelines.frames.unread_files import unread_partner
 
 SAME_CAMERA = 0.5  # pixels by which rounded intrinsics of one camera may differ
@@ -68,11 +69,11 @@ class Pairing:
         if not pairs:
             return
         shared = {view: shared_camera_file(folder, view) for view in {each.view for each in pairs}}
-        listed = {path.name for path in folder.iterdir()}
+        listed, scale = {path.name for path in folder.iterdir()}, scale_file(folder)
         for pair in pairs:
             camera = self.camera_file(folder, pair, shared[pair.view], listed)
-            read = functools.partial(read_paired, pair, camera, options)
-            files = (pair.color, pair.depth, camera)
+            read = functools.partial(read_paired, pair, camera, options, scale)
+            files = (pair.color, pair.depth, camera, scale)
             yield FoundFrame(pair.stem, read, files, is_whole=pair.is_whole)
 
 
@@ -84,8 +85,13 @@ def holds_text(path: Path, key: str) -> bool:
         return key.encode() in stream.read(LONGEST_LOOK)
 
 
-def read_paired(pair: ImagePair, camera: Path | None, options: FrameOptions) -> Frame:
-    """Read a pair; raises a FormatError if an image is missing, or could be several files."""
+def read_paired(
+    pair: ImagePair, camera: Path | None, options: FrameOptions, scale: Path | None = None
+) -> Frame:
+    """Read a pair; raises a FormatError if an image is missing, or could be several files.
+
+    `scale`: the file that states the unit of the depth, if `camera` does not.
+    """
     if pair.rivals:
         raise FormatError(
             str(pair.rivals[0]),
@@ -96,7 +102,9 @@ def read_paired(pair: ImagePair, camera: Path | None, options: FrameOptions) -> 
         _refuse_lone(pair)
     if camera is not None and options.camera is None:
         _refuse_two_cameras(camera, pair.depth)
-    return read_with_camera(pair.color, pair.depth, camera, options)
+    if scale is None or not options.needs_units:
+        return read_with_camera(pair.color, pair.depth, camera, options)
+    return read_with_camera(pair.color, pair.depth, camera, options, read_scale(scale))
 
 
 def _refuse_lone(pair: ImagePair) -> NoReturn:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from pipelines.errors import FormatError
 from pipelines.frames.camera_files import CameraFile, parse_camera
 from pipelines.frames.frames import find_frames
 from pipelines.frames.layouts.scannet import COLOR_CAMERA, DEPTH_CAMERA
@@ -115,3 +116,47 @@ def test_a_stated_camera_replaces_a_file_without_one_and_keeps_its_unit(tmp_path
     (tmp_path / "intrinsics.json").write_text(json.dumps(two))
     options = FrameOptions(CameraFile(*build.FOUR))
     assert find_frames(tmp_path, options)[0].read().units_per_metre == UNITS
+
+
+def scaled(folder: Path, name: str, content: str) -> Path:
+    """A frame in a folder with a file that states the unit of the depth."""
+    build.pair(folder / "0_color.png", folder / "0_depth.png", 0, 4000)
+    (folder / "camera.json").write_text(
+        json.dumps(dict(zip(("fx", "fy", "cx", "cy"), build.FOUR, strict=True)))
+    )
+    if name.endswith(".npy"):
+        np.save(folder / name, float(content))
+    else:
+        (folder / name).write_text(content)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("depth_scale.txt", "0.00025\n"),
+        ("camera_depth_scale.txt", "2.500000000000000000e-04"),
+        ("depth_scale.npy", "0.00025"),
+        ("depth_units.txt", "4000"),
+        ("depth_scale.txt", "depth_scale = 0.00025"),
+    ],
+)
+def test_a_file_with_the_scale_of_the_depth_alone_counts(
+    tmp_path: Path, name: str, content: str
+) -> None:
+    (source,) = find_frames(scaled(tmp_path, name, content))
+    assert source.read().units_per_metre == 4000.0
+    assert tmp_path / name in source.files  # so that results are made again if it changes
+    stated = FrameOptions(depth_units_per_metre=2000.0)
+    assert find_frames(tmp_path, stated)[0].read().units_per_metre == 2000.0
+    camera = json.loads((tmp_path / "camera.json").read_text())
+    (tmp_path / "camera.json").write_text(json.dumps(camera | {"depth_scale": 5000}))
+    assert find_frames(tmp_path)[0].read().units_per_metre == 5000.0
+
+
+@pytest.mark.parametrize("content", ["1.01", "many", "", "nan", "0", "0.001 0.002"])
+def test_a_scale_that_is_no_unit_is_refused(tmp_path: Path, content: str) -> None:
+    folder = scaled(tmp_path, "depth_scale.txt", content)
+    with pytest.raises(FormatError, match=r"depth_scale\.txt: states the unit.*--depth-units-per"):
+        find_frames(folder)[0].read()
+    assert find_frames(folder, FrameOptions(None, 4000.0))[0].read().units_per_metre == 4000.0

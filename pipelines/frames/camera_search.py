@@ -119,9 +119,12 @@ def where_a_camera_may_be(image: Path) -> str:
     advice = "give --intrinsics fx,fy,cx,cy"
     folders = [image.parent, image.parent.parent]
     found = [path for folder in folders for path, _camera in cameras_in(folder)]
+    if len(found) == 1:
+        return f"{advice}, or --intrinsics {found[0]}, which holds a camera"
     if found:
         names = " and ".join(map(str, found[:MOST_NAMED]))
-        return f"{advice}, or --intrinsics {found[0]}: a camera is in {names}"
+        which = "that of the depth image, or of the colour it is registered to"
+        return f"{advice}, or as --intrinsics one of {names}: {which}"
     others = [path.name for folder in folders for path in _small_files(folder, NAMED)]
     unread = f"; no camera was found in {', '.join(others[:MOST_NAMED])}" if others else ""
     known = "*_camera.json, intrinsics.json, cam_K.txt, ..."

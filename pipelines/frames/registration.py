@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.frames.camera_files import OFF_CENTER
+from pipelines.frames.camera_files import FAR_FROM_MIDDLE
 from pipelines.frames.depth_checks import depth_oddities
 from pipelines.frames.rgbd import Frame
 from pipelines.geometry.camera import Intrinsics
@@ -88,7 +88,7 @@ def _match_at_offsets(changes: Image, jumps: Image) -> Image:
 def _off_center(camera: Intrinsics) -> list[str]:
     """Return a sentence if the principal point is far from the middle of the image."""
     offsets = camera.cx / camera.width - 0.5, camera.cy / camera.height - 0.5
-    if max(map(abs, offsets)) <= OFF_CENTER:
+    if max(map(abs, offsets)) <= FAR_FROM_MIDDLE:
         return []
     return [
         f"the principal point ({camera.cx:g}, {camera.cy:g}) is far from the middle of the "

@@ -17,7 +17,7 @@ MATRIX_KEYS = ("cam_K", "K", "k", "intrinsic_matrix", "intrinsics_matrix", "came
                "mtx", "P", "projection_matrix")  # fmt: skip
 # Keys of one number for both axes, or of two. Fewer pixels than the least are a lens's millimetres.
 FOCAL_KEYS, CENTER_KEYS = ("focal_length", "focalLength", "f"), ("principal_point",)
-LEAST_PIXELS = 100.0
+SHORTEST_IN_PIXELS = 100.0
 ORB_SLAM = ("Camera.", "Camera1.")
 
 
@@ -64,7 +64,7 @@ def _rendered(content: dict[str, Any]) -> dict[str, Any]:
 def _both_axes(content: dict[str, Any]) -> dict[str, Any]:
     """Return the focal lengths and the principal point that are stated in one key each."""
     lengths, center = (_two(first_stated(content, keys)) for keys in (FOCAL_KEYS, CENTER_KEYS))
-    are_pixels = len(lengths) == 2 and min(lengths) >= LEAST_PIXELS
+    are_pixels = len(lengths) == 2 and min(lengths) >= SHORTEST_IN_PIXELS
     return dict(zip(("fx", "fy"), lengths if are_pixels else [], strict=False)) | dict(
         zip(("cx", "cy"), center, strict=False)
     )

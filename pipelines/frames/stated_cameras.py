@@ -18,6 +18,7 @@ MATRIX_KEYS = ("cam_K", "K", "k", "intrinsic_matrix", "intrinsics_matrix", "came
 # Keys of one number for both axes, or of two. Fewer pixels than the least are a lens's millimetres.
 FOCAL_KEYS, CENTER_KEYS = ("focal_length", "focalLength", "f"), ("principal_point",)
 SHORTEST_IN_PIXELS = 100.0
+LARGEST = 1e9  # pixels, or any unit of a lens
 ORB_SLAM = ("Camera.", "Camera1.")
 
 
@@ -54,7 +55,12 @@ def _rendered(content: dict[str, Any]) -> dict[str, Any]:
     keys = ("renderProductResolution", "cameraAperture", "cameraFocalLength")
     match [content.get(key) for key in keys]:
         case [[int(width), int(height)], [int() | float() as seen, _], int() | float() as length]:
-            if seen > 0 and content.get("cameraModel", "pinhole") == "pinhole":
+            numbers = _numbers([width, height, seen, length])
+            if (
+                len(numbers) == 4
+                and seen > 0
+                and content.get("cameraModel", "pinhole") == "pinhole"
+            ):
                 lengths = dict.fromkeys(("fx", "fy"), width * length / seen)
                 center = {"cx": (width - 1) / 2, "cy": (height - 1) / 2}
                 return lengths | center | {"width": width, "height": height}
@@ -73,8 +79,14 @@ def _both_axes(content: dict[str, Any]) -> dict[str, Any]:
 def _two(stated: object) -> list[float]:
     """Return the numbers of a list of two, or one number twice; an empty list for other values."""
     numbers = stated if isinstance(stated, list) else [stated, stated]
-    found = [float(each) for each in numbers if isinstance(each, int | float)]
+    found = _numbers(numbers)
     return found if len(found) == len(numbers) == 2 else []
+
+
+def _numbers(values: list[Any]) -> list[float]:
+    """Return the numbers among `values` that can be those of a camera."""
+    numbers = (each for each in values if isinstance(each, int | float))
+    return [float(each) for each in numbers if abs(each) <= LARGEST]
 
 
 def cameras_below(content: dict[str, Any]) -> list[str]:

@@ -161,6 +161,12 @@ def test_any_other_value_of_the_option_is_reported_in_one_sentence(text: str) ->
         ("a.txt", "1 2 3"),
         ("a.txt", "camera"),
         ("a.yaml", "name: x\n"),
+        ("a.json", f'{{"focal_length": 1{"0" * 400}, "cx": 1, "cy": 1}}'),
+        (
+            "a.json",
+            f'{{"renderProductResolution": [1{"0" * 400}, 9], "cameraAperture": [1, 1], '
+            '"cameraFocalLength": 1}',
+        ),
     ],
 )
 def test_damaged_files_are_reported_in_one_sentence(tmp_path: Path, name: str, text: str) -> None:

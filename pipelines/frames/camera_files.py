@@ -17,7 +17,6 @@ from pipelines.array_types import Array
 from pipelines.errors import FormatError, SymgraspError, ValueRangeError
 from pipelines.frames.encodings.camera_texts import (
     MATRIX_SIZES,
-    PIXEL_CENTER,
     read_camera_text,
     read_camera_xml,
 )
@@ -249,8 +248,6 @@ def camera_from_mapping(path: Path, content: Any, view: str = "") -> CameraFile:
         if missing:
             raise FormatError(path, f"lacks {', '.join(missing)}", FORMS)
         fx, fy, cx, cy = (float(value) for value in values.values())
-        if "fl_x" in content:  # of nerfstudio and instant-ngp, whose pixels are those of COLMAP
-            cx, cy = cx - PIXEL_CENTER, cy - PIXEL_CENTER
         _refuse_skew(path, float(first_stated(content, SKEW_KEYS) or 0.0))
     except (TypeError, ValueError, OverflowError) as error:
         raise FormatError(path, f"holds a value that is no number ({error})", FORMS) from error

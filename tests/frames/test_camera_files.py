@@ -54,7 +54,7 @@ FORMS = [
     ("camera_intrinsic.json", {"intrinsic_matrix": COLUMNS, "width": 64, "height": 48}, None),
     ("camera_params.json", {"fx": 60.0, "fy": 61.0, "x_offset": 31.5, "y_offset": 23.5}, None),
     ("phoxi.intr", {"_fx": 60.0, "_fy": 61.0, "_cx": 31.5, "_cy": 23.5, "_width": 64}, None),
-    ("transforms.json", {"fl_x": 60, "fl_y": 61, "cx": 32, "cy": 24, "w": 64, "h": 48}, None),
+    ("transforms.json", {"fl_x": 60, "fl_y": 61, "cx": 31.5, "cy": 23.5, "w": 64, "h": 48}, None),
     ("camera_info.yaml", f"height: 48\nwidth: 64\nK: {ROWS}\nroi:\n  width: 0\n", None),
     ("camera_info.json", {"K": ROWS, "D": [0.0] * 5, "P": [0.0] * 12, "roi": {"width": 0}}, None),
     ("kalibr.yaml", "cam0:\n  intrinsics: [60, 61, 31.5, 23.5]\n  resolution: [64, 48]\n", None),

@@ -24,7 +24,7 @@ QUOTES = re.compile("[\"']")
 NAME = re.compile(r"[A-Za-z_][\w.]*")
 BRACKETS = re.compile(r"[\[\](){};,\s]+")
 COLMAP_LINE = re.compile(r"\s*\d+\s+([A-Z_]+)\s+(.+)")
-PIXEL_CENTER = 0.5  # pixels: images of COLMAP begin at a pixel's corner, ours at its center
+COLMAP_CENTER = 0.5  # pixels: COLMAP's images begin at a pixel's corner, ours at its center
 FOCAL, FOCALS, CENTER, FOUR_K = ("f",), ("fx", "fy"), ("cx", "cy"), ("k1", "k2", "k3", "k4")
 COLMAP_MODELS = {
     "SIMPLE_PINHOLE": (*FOCAL, *CENTER),
@@ -124,7 +124,7 @@ def _colmap_camera(path: Path, lines: list[str]) -> dict[str, Any]:
     values = dict(zip(names, numbers, strict=True))
     focal = values.pop("f", None)
     values = {"fx": focal, "fy": focal} | values if focal is not None else values
-    shifted = {name: values[name] - PIXEL_CENTER for name in CENTER}
+    shifted = {name: values[name] - COLMAP_CENTER for name in CENTER}
     return {**values, **shifted, "camera_model": model}
 
 

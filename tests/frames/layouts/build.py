@@ -160,8 +160,7 @@ def nerfstudio(folder: Path) -> None:
         pair(folder / names["file_path"], folder / names["depth_file_path"], i)
         frames.append(names | {"transform_matrix": np.eye(4).tolist()})
     camera = {"camera_model": "OPENCV", "w": WIDTH, "h": HEIGHT}
-    camera |= {"fl_x": FOUR[0], "fl_y": FOUR[1]}
-    camera |= {"cx": FOUR[2] + 0.5, "cy": FOUR[3] + 0.5}  # from the corner of the first pixel
+    camera |= dict(zip(("fl_x", "fl_y", "cx", "cy"), FOUR, strict=True))
     write(folder / "transforms.json", camera | {"frames": frames})
 
 

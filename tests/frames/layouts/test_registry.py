@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -128,10 +127,7 @@ def test_real_frames_are_the_same_in_every_layout(
             assert np.abs(difference).mean() < 4.0
         else:
             assert_array_equal(frame.color, flat.color)
-        # The tool writes our principal point, but nerfstudio counts from the pixel's corner.
-        half = 0.5 if layout == "nerfstudio" else 0.0
-        known = flat.intrinsics
-        assert frame.intrinsics == replace(known, cx=known.cx - half, cy=known.cy - half)
+        assert frame.intrinsics == flat.intrinsics
 
 
 def test_colourised_depth_is_refused(laid_out: Path) -> None:

@@ -10,7 +10,6 @@ object is labelled some points at a time by all workers; finished parts stay in 
 so an interrupted run continues. ROOT may be the input root: its models then stay.
 """
 
-import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
@@ -42,7 +41,13 @@ from pipelines.geometry.meshes.signed_distance import signed_distance_grid
 from pipelines.geometry.meshes.winding import turned_outward
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
-from pipelines.storage.files import atomic_folder, make_folder, real_path, refuse_file_as_folder
+from pipelines.storage.files import (
+    atomic_folder,
+    make_folder,
+    real_path,
+    refuse_file_as_folder,
+    remove_folder,
+)
 from pipelines.storage.provenance import (
     Stamp,
     digest_if_there,
@@ -58,6 +63,7 @@ from pipelines.synthesis.labels.grasp_sampling import LabelTarget, label_points
 
 STAGE = "label-grasps"
 POINTS_A_PART = 32
+FILES_OF_PARTS = ("*.npz", "*provenance.json")
 TAG_POINTS = 1  # purpose of a child seed
 
 
@@ -200,7 +206,7 @@ def _label(
         summary = _summary(files)
         stamp_ahead(target, stamp)
         join_grasp_labels(target, files, compress=compress)
-        shutil.rmtree(files[0].parent)
+        remove_folder(files[0].parent, *FILES_OF_PARTS)
     except WriteError:
         raise
     except (SymgraspError, OSError) as error:
@@ -234,7 +240,7 @@ def _part_items(model: Path, target: Path, stamp: Stamp, num_points: int) -> lis
     """Return the parts of a label; finished parts made with other settings are deleted."""
     folder = target.with_name(f"{target.stem}.parts")
     if folder.is_dir() and read_stamp(folder) != stamp.as_json():
-        shutil.rmtree(folder)
+        remove_folder(folder, *FILES_OF_PARTS)
     make_folder(folder)
     write_sidecar(folder, stamp)
     return [

@@ -6,7 +6,6 @@ after a killed run, the next run reads the parts and works only on the missing f
 
 import hashlib
 import json
-import shutil
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -35,6 +34,7 @@ from pipelines.grasp_files.grasps_tables import (
     tables_of,
 )
 from pipelines.storage.array_files import DAMAGED
+from pipelines.storage.files import remove_folder
 from pipelines.storage.h5_columns import (
     attribute,
     check_version,
@@ -272,8 +272,5 @@ def _slice(group: h5py.Group, names: Iterable[str], start: int, end: int) -> dic
 def remove_parts(path: Path) -> None:
     """Remove the parts of the output `path`; a link to a folder on another disk stays."""
     folder = parts_folder(path)
-    if folder.is_symlink():
-        for part in folder.glob("*.h5"):
-            part.unlink()
-    elif folder.is_dir():
-        shutil.rmtree(folder)
+    if folder.is_dir():
+        remove_folder(folder, "*.h5")

@@ -93,6 +93,16 @@ def atomic_folder(path: Path) -> Iterator[Path]:
         remove_temporary(temporary)
 
 
+def remove_folder(path: Path, *patterns: str) -> None:
+    """Remove the folder `path`; of a link to a folder on another disk, its files of `patterns`."""
+    if not path.is_symlink():
+        shutil.rmtree(path)
+        return
+    for pattern in patterns:
+        for file in path.glob(pattern):
+            file.unlink()
+
+
 def _holds_working_folder(path: Path) -> bool:
     try:
         return Path.cwd().is_relative_to(real_path(path))

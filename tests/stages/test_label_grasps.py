@@ -149,6 +149,19 @@ def test_parts_of_other_settings_are_not_joined(
     assert content(tmp_path / "out") == content(tmp_path / "fresh")
 
 
+def test_parts_in_a_linked_folder_are_removed_and_the_link_stays(
+    meshes: Path, tmp_path: Path
+) -> None:
+    far, link = tmp_path / "far", tmp_path / "out" / "grasp_label" / "000_labels.parts"
+    for folder in (far, link.parent):
+        folder.mkdir(parents=True)
+    (far / "own.txt").touch()
+    link.symlink_to(far)
+    assert label(meshes / "box.ply", tmp_path / "out").done == ["000 box"]
+    assert link.is_symlink()
+    assert [path.name for path in far.iterdir()] == ["own.txt"]
+
+
 def test_compressed_labels_hold_the_same_in_fewer_bytes(meshes: Path, tmp_path: Path) -> None:
     label(meshes / "box.ply", tmp_path / "plain")
     label(meshes / "box.ply", tmp_path / "zipped", compress=True)

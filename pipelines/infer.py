@@ -96,7 +96,10 @@ def run(
 def _make(run: InferRun, items: Sequence[WorkItem], options: BatchOptions) -> StageReport:
     """Find the grasps of the unfinished frames, and assemble the output."""
     settings = run.settings
-    done = [each for each in items if has_part(each)] if options.dry_run else finished_items(items)
+    if options.dry_run:
+        done = [item for item in items if has_part(item)]
+    else:
+        done = finished_items(run, items, overwrite=options.overwrite)
     finished = {item.name: item for item in done}
     todo = [item for item in items if item.name not in finished]
     # Parts have this run's stamp, so --overwrite keeps them; a dry run leaves stale ones.

@@ -39,7 +39,13 @@ from pipelines.errors import SymgraspError, ValueRangeError, WriteError, error_s
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.geometry.meshes.signed_distance import signed_distance_grid
 from pipelines.geometry.meshes.winding import turned_outward
-from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.runtime.batch import (
+    BatchOptions,
+    StageReport,
+    WorkItem,
+    run_batch,
+    warn_of_removed,
+)
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import (
     atomic_folder,
@@ -240,6 +246,7 @@ def _part_items(model: Path, target: Path, stamp: Stamp, num_points: int) -> lis
     """Return the parts of a label; finished parts made with other settings are deleted."""
     folder = target.with_name(f"{target.stem}.parts")
     if folder.is_dir() and read_stamp(folder) != stamp.as_json():
+        warn_of_removed(sorted(folder.glob("[!.]*.npz")))
         remove_folder(folder, *FILES_OF_PARTS)
     make_folder(folder)
     write_sidecar(folder, stamp)

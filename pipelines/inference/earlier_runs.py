@@ -15,22 +15,26 @@ from pipelines.frames.frame_inputs import FRAMES_INPUT
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_stream import read_index
 from pipelines.inference.infer_run import STAGE, InferRun, inputs_of
-from pipelines.runtime.batch import WorkItem
+from pipelines.runtime.batch import WorkItem, warn_of_removed
 from pipelines.storage.provenance import Stamp, read_stamp
 
 
-def finished_items(items: Sequence[WorkItem]) -> list[WorkItem]:
-    """Return the items with valid parts.
+def finished_items(run: InferRun, items: Sequence[WorkItem], *, overwrite: bool) -> list[WorkItem]:
+    """Return the items with valid parts; remove all other parts.
 
-    Damaged parts, and those of a killed run with other settings, are removed: they are of no use.
+    A warning counts the removed parts, damaged or of a run with other settings, unless `overwrite`.
     """
-    finished = []
-    for item in items:
-        if has_part(item):
-            finished.append(item)
-        else:
-            item.target.unlink(missing_ok=True)
+    finished = [item for item in items if has_part(item)]
+    others = sorted(_parts(run) - {item.target for item in finished})
+    if not overwrite:
+        warn_of_removed(others)
+    for part in others:
+        part.unlink()
     return finished
+
+
+def _parts(run: InferRun) -> set[Path]:
+    return set(grasps_file.parts_folder(run.output).glob("[!.]*.h5"))
 
 
 def has_part(item: WorkItem) -> bool:
@@ -67,8 +71,7 @@ def earlier_frames(run: InferRun, known: Container[Path] = ()) -> dict[str, Work
     Parts that are `known` are left out.
     """
     wanted, items = run.stamp(run.shared_inputs).as_json(), {}
-    parts = sorted(grasps_file.parts_folder(run.output).glob("[!.]*.h5"))
-    for path in (each for each in parts if each not in known):
+    for path in (each for each in sorted(_parts(run)) if each not in known):
         found = _stamp_of_part(path)
         if (
             _has_same_settings(found, wanted)
@@ -87,7 +90,7 @@ def refuse_lost_parts(run: InferRun, items: Sequence[WorkItem]) -> None:
     """
     if lost := list(earlier_frames(run, {item.target for item in items})):
         raise SymgraspError(
-            f"{grasps_file.parts_folder(run.output)} holds {len(lost)} finished frames that are "
+            f"{grasps_file.parts_folder(run.output)} holds {counted(len(lost), 'finished frame')} "
             f"not among those of {run.settings.paths.frames} now, for example {lost[0]}; --watch "
             "writes them too, --overwrite drops them"
         )

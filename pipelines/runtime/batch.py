@@ -23,7 +23,7 @@ from pipelines.errors import (
 )
 from pipelines.runtime.clusters import CLUSTERS, check_backend, workers_of
 from pipelines.runtime.progress import with_progress
-from pipelines.storage.provenance import Stamp, is_finished
+from pipelines.storage.provenance import Stamp, is_finished, remove_stamped
 
 log = logging.getLogger(__name__)
 
@@ -151,14 +151,32 @@ def run_batch(
 def drop_stale(items: Sequence[WorkItem], options: BatchOptions) -> None:
     """Remove stale and damaged targets, for outputs that are parts of another output.
 
-    Parts without that other output are left over from an interrupted run.
+    Parts without that other output are left over from an earlier run; a warning counts them, unless
+    the user overwrites.
     """
+    removed = []
     for item in items:
         try:
             is_finished(item.target, item.stamp)
         except (StaleOutputError, FormatError):
-            if not options.dry_run:
-                item.target.unlink()
+            removed.append(item.target)
+    if options.dry_run:
+        return
+    if not options.overwrite:
+        warn_of_removed(removed)
+    for part in removed:
+        remove_stamped(part)
+
+
+def warn_of_removed(parts: Sequence[Path]) -> None:
+    """Warn that `parts` in one folder, which this run cannot use, are removed."""
+    if parts:
+        log.warning(
+            "removed %s of an earlier run from %s: damaged, or made with other settings, inputs or "
+            "version",
+            counted(len(parts), "part"),
+            parts[0].parent,
+        )
 
 
 def _unfinished(

@@ -117,9 +117,20 @@ def test_a_result_that_cannot_be_written_ends_the_stage():
     assert list(report.failed) == ["a"]
 
 
-def test_damaged_and_stale_parts_are_dropped_and_finished_ones_stay(tmp_path):
+def test_damaged_and_stale_parts_are_dropped_and_finished_ones_stay(tmp_path, caplog):
     parts = items(tmp_path, ["a", "b", "c"])
     run_batch("toy", parts, step, QUIET)
     parts[0].target.write_text("{")
     batch.drop_stale([*parts[:2], *items(tmp_path, ["c"], setting=2)], QUIET)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["b.json"]
+    assert (
+        f"removed 2 parts of an earlier run from {tmp_path}: damaged, or made with" in caplog.text
+    )
+
+
+def test_parts_to_overwrite_are_dropped_without_a_warning(tmp_path, caplog):
+    run_batch("toy", items(tmp_path, ["a"]), step, QUIET)
+    overwriting = dataclasses.replace(QUIET, overwrite=True)
+    batch.drop_stale(items(tmp_path, ["a"], setting=2), overwriting)
+    assert not list(tmp_path.iterdir())
+    assert not caplog.text

@@ -213,13 +213,18 @@ def test_a_killed_run_goes_on_where_it_stopped_and_ends_with_the_same_bytes(fram
     assert output.read_bytes() == (tmp_path / "whole.h5").read_bytes()
 
 
-def test_parts_of_other_settings_are_made_again(frames, tmp_path):
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_parts_of_other_settings_are_made_again_with_a_warning(frames, tmp_path, caplog, overwrite):
     output = tmp_path / "g.h5"
     run(frames, tmp_path / "other.h5", config=dataclasses.replace(CONFIG, gripper="franka"))
     other = read_whole(tmp_path / "other.h5")
     stamp = make_stamp("infer", {}, inputs={"weights": "other"})
-    grasps_file.write(grasps_file.part_path(output, "a"), [other.results[0]], stamp)
-    assert run(frames, output).done == ["a", "b", "c"]
+    for name in ("a", "gone"):
+        grasps_file.write(grasps_file.part_path(output, name), [other.results[0]], stamp)
+    options = dataclasses.replace(OPTIONS, overwrite=overwrite)
+    assert run(frames, output, options=options).done == ["a", "b", "c"]
+    warned = "removed 2 parts of an earlier run from" in caplog.text
+    assert warned == (not overwrite)
 
 
 def test_damaged_parts_are_made_again(frames, tmp_path):
@@ -280,7 +285,7 @@ def test_finished_frames_whose_images_are_gone_are_not_deleted(tmp_path):
     infer.infer_frame(item, settings_of(folder, output))
     for path in folder.glob("gone_*"):
         path.unlink()
-    with pytest.raises(SymgraspError, match="holds 1 finished frames that are not among"):
+    with pytest.raises(SymgraspError, match="holds 1 finished frame not among"):
         run(folder, output)
     assert item.target.exists()
     overwriting = dataclasses.replace(OPTIONS, overwrite=True)

@@ -135,7 +135,7 @@ def test_workers_and_a_kill_in_the_middle_change_no_byte(
 
 
 def test_parts_of_other_settings_are_not_joined(
-    meshes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    meshes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     def killed(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
@@ -145,6 +145,7 @@ def test_parts_of_other_settings_are_not_joined(
         with pytest.raises(KeyboardInterrupt):
             label(meshes / "box.ply", tmp_path / "out", seed=1)
     label(meshes / "box.ply", tmp_path / "out", seed=2)
+    assert "removed 1 part of an earlier run" in caplog.text
     label(meshes / "box.ply", tmp_path / "fresh", seed=2)
     assert content(tmp_path / "out") == content(tmp_path / "fresh")
 

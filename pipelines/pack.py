@@ -65,7 +65,13 @@ def run(
         for scene, of_scene in zip(scenes, inputs, strict=True)
     ]
     step = partial(pack_scene, root=root, config=config, seed=seed)
-    return run_batch(STAGE, items, step, options or BatchOptions())
+    report = run_batch(STAGE, items, step, options or BatchOptions())
+    if others := sorted({*packed_regions.packed_files(output_dir)} - {i.target for i in items}):
+        report.notes[str(output_dir)] = (
+            f"{counted(len(others), 'packed scene')} of other runs, which train reads too; remove "
+            f"what is of another dataset, for example {others[0]}"
+        )
+    return report
 
 
 def pack_scene(item: WorkItem, root: GraspNetRoot, config: PackConfig, seed: int) -> str:

@@ -156,6 +156,15 @@ def test_a_finished_scene_is_skipped(root, tmp_path):
     assert pack.run(root.root, tmp_path, CONFIG, options=QUIET).skipped == [NAME]
 
 
+def test_packed_scenes_of_other_runs_in_the_folder_are_named(root, tmp_path):
+    assert list(pack.run(root.root, tmp_path, CONFIG, options=QUIET).notes) == [NAME]
+    former = tmp_path / "scene_0009_kinect.h5"
+    shutil.copy(tmp_path / f"{NAME}.h5", former)
+    note = pack.run(root.root, tmp_path, CONFIG, options=QUIET).notes[str(tmp_path)]
+    assert note.startswith("1 packed scene of other runs, which train reads too")
+    assert str(former) in note
+
+
 def test_a_scene_whose_pictures_were_replaced_is_not_reused(root, tmp_path):
     shutil.copytree(root.root, tmp_path / "copy")
     assert pack.run(tmp_path / "copy", tmp_path / "out", CONFIG, options=QUIET).done

@@ -111,6 +111,11 @@ def read(path: Path) -> PackedScene:
         return PackedScene(**read_columns(path, file, COLUMNS))
 
 
+def packed_files(folder: Path) -> list[Path]:
+    """Return every `*.h5` under a folder, which are what training reads, in order."""
+    return sorted(path for path in folder.rglob("*.h5") if not path.name.startswith("."))
+
+
 @dataclass(frozen=True)
 class _OpenScene:
     """An open file: datasets to read row by row, and columns in memory."""
@@ -156,8 +161,7 @@ class PackedReader:
             raise FormatError(
                 folder, "is a dataset root", "give the output folder of `symgrasp pack`"
             )
-        files = (path for path in folder.rglob("*.h5") if not path.name.startswith("."))
-        self.paths = tuple(sorted(files))
+        self.paths = tuple(packed_files(folder))
         if not self.paths:
             raise MissingInputError(folder / "*.h5", "symgrasp pack")
         self.counts = tuple(_count(path) for path in self.paths)

@@ -100,7 +100,7 @@ def run(
     _check_output(paths, whole, overwrite=options.overwrite)
     sources = FramesRecord.of(paths.grasps, index.attrs, paths.frames).sources()
     items, failed = _items(paths, index.names, whole, sources)
-    report = run_batch(STAGE, items, partial(make_page, paths=paths, config=config), options)
+    report = _make_pages(paths, config, items, options)
     report.failed = failed | report.failed
     if is_made_of(index.stamp, index.names, sources) is False:
         report.notes["frames"] = (
@@ -111,6 +111,18 @@ def run(
     if not options.dry_run:
         title = f"{paths.grasps.name}: {counted(len(index.names), 'frame')}"
         write_text(paths.index, index_page(title, _entries(paths, index.names, report), whole))
+    return report
+
+
+def _make_pages(
+    paths: ViewPaths, config: ViewConfig, items: Sequence[WorkItem], options: BatchOptions
+) -> StageReport:
+    """Make the unfinished pages, and those whose pictures are lost."""
+    step = partial(make_page, paths=paths, config=config)
+    lost = {item.name for item in items if not paths.of_frame(item.name, ".jpg").is_file()}
+    report = run_batch(STAGE, [item for item in items if item.name not in lost], step, options)
+    again = replace(options, overwrite=True)
+    report.add(run_batch(STAGE, [item for item in items if item.name in lost], step, again))
     return report
 
 

@@ -169,6 +169,17 @@ def test_a_second_run_skips_pages_and_makes_only_changed_frames_again(grasps, tm
     assert run(grasps, out, options=replace(OPTIONS, overwrite=True)).done == list(NAMES)
 
 
+def test_a_lost_picture_is_drawn_again_with_its_page(grasps, tmp_path):
+    out = tmp_path / "out"
+    run(grasps, out)
+    picture = out / "frames/two/c.jpg"
+    drawn, page = picture.read_bytes(), page_of(out, "two/c")
+    picture.unlink()
+    report = run(grasps, out)
+    assert (report.done, report.skipped) == (["two/c"], list(NAMES[:2]))
+    assert (picture.read_bytes(), page_of(out, "two/c")) == (drawn, page)
+
+
 def test_a_new_frame_leaves_the_pages_of_the_others(grasps, tmp_path):
     results = [result(NAMES[0]), result(NAMES[1], 0)]
     first = write_results(tmp_path / "first.h5", results, tmp_path / "frames")

@@ -9,6 +9,7 @@ Writes  ROOT/symmetry/NNN.json            symmetries and regions, canonical fram
 """
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -25,11 +26,10 @@ from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries
 from pipelines.errors import SymgraspError
 from pipelines.mesh_symmetry.parts.symmetric_parts import has_slot
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
-from pipelines.runtime.one_run import one_run_at_a_time
+from pipelines.runtime.one_run import output_locked
 from pipelines.storage.files import refuse_file_as_folder
 
 
-@one_run_at_a_time(jobs.STAGE, "output_dir", "source")
 def run(
     source: Path,
     output_dir: Path | None,
@@ -55,17 +55,28 @@ def run(
     items = jobs.items_of(source, output_dir, config, seed, optional)
     bop = extras.bop_symmetries
     missing = [] if bop is None else jobs.without_bop_entry(items, bop, optional)
+    # The symmetries of a dataset may also be the --out of loose meshes, so its folder is locked.
+    folder = items[0].target.parent
+    with output_locked(folder, jobs.STAGE) if not options.dry_run else nullcontext():
+        report = _annotate_all(items, config, seed, options)
+        _refuse_unknown(report, optional.edits, [item.name for item in items])
+        if bop is not None and missing:
+            found = f"has no entry of {', '.join(missing)}; detected symmetries stay"
+            report.notes[bop.name] = found
+        if not options.dry_run:
+            write_extras(report, items, extras, options)
+    return report
+
+
+def _annotate_all(
+    items: Sequence[WorkItem], config: AnnotateSymmetryConfig, seed: int, options: BatchOptions
+) -> StageReport:
+    """Annotate all objects; apply corrections to finished annotations; the others stay."""
     step = partial(annotate_file, config=config, seed=seed)
-    # Corrections are applied to finished annotations; other finished annotations stay.
     to_correct = {item.name for item in items if jobs.is_to_correct(item)}
     report = run_batch(jobs.STAGE, [i for i in items if i.name not in to_correct], step, options)
     corrections = [item for item in items if item.name in to_correct]
     report.add(run_batch(jobs.STAGE, corrections, step, replace(options, overwrite=True)))
-    _refuse_unknown(report, optional.edits, [item.name for item in items])
-    if bop is not None and missing:
-        report.notes[bop.name] = f"has no entry of {', '.join(missing)}; detected symmetries stay"
-    if not options.dry_run:
-        write_extras(report, items, extras, options)
     return report
 
 

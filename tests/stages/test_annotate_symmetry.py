@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from pipelines import annotate_symmetry
+from pipelines.annotation import jobs
 from pipelines.annotation.extras import AnnotationExtras
 from pipelines.annotation.objects import annotate
 from pipelines.configs import AnnotateSymmetryConfig
@@ -17,9 +18,10 @@ from pipelines.dataset.symmetry import bop_models_info, symmetry_labels
 from pipelines.errors import SymgraspError
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.runtime.batch import BatchOptions
+from pipelines.runtime.one_run import OutputInUseError, output_locked
 from pipelines.storage.images import read_image
 from pipelines.storage.provenance import sidecar_of
-from tests.stages.dataset_root import shapes
+from tests.stages.dataset_root import shapes, write_root
 
 QUICK = AnnotateSymmetryConfig(
     num_samples=6000,
@@ -70,6 +72,15 @@ def test_the_file_holds_the_symmetries_and_how_it_was_made(tmp_path):
     axis = next(entry for entry in content["symmetries"] if entry["kind"] == "rotation")
     assert axis["order"] is None
     assert abs(axis["axis"][2]) > 0.9999
+
+
+def test_a_dataset_and_loose_meshes_into_its_symmetries_exclude_each_other(tmp_path):
+    root = write_root(tmp_path / "root").root
+    out, mesh = root / "symmetry", root / "models/000/nontextured.ply"
+    for held, started in ((out, (root,)), (out, (mesh, out))):
+        with output_locked(held, jobs.STAGE), pytest.raises(OutputInUseError):
+            run(*started)
+    assert not list(out.glob("*.json"))
 
 
 def test_a_dataset_root_gets_a_symmetry_folder_and_regions_by_hand_take_precedence(tmp_path):

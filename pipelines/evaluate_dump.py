@@ -59,10 +59,11 @@ def run(
     drop_stale(items, options)
     report = run_batch(STAGE, items, functools.partial(_evaluate_scene, root, config), options)
     report.notes |= _absent_scenes(scenes, root)
-    finished = [item for item in items if item.target.exists()]
+    finished, left_out = [item for item in items if item.target.exists()], dict(report.failed)
     if finished and not options.dry_run:
         tally = _tally(finished, report)
         more: dict[str, Any] = {"accuracy": tally.accuracy(), "scenes": tally.scenes}
+        more["failed"] = left_out
         reports.write_report(
             output, tally.rows(), stamp, protocol=PROTOCOL, exact=config.exact, **more
         )

@@ -349,6 +349,17 @@ def test_a_broken_mesh_is_named(root, pristine, tmp_path):
     assert all("nontextured.ply" in sentence for sentence in report.failed.values())
 
 
+def test_a_report_names_the_scenes_that_it_lacks(root, dump, tmp_path):
+    other = GraspNetRoot(Path(shutil.copytree(root.root, tmp_path / "root")))
+    for path in other.scene_folder(160).rglob("annotations/*.xml"):
+        path.write_text("<scene>")
+    frame_file(dump, 100, 0).unlink()  # its scene is evaluated
+    report = run(dump, other, tmp_path / "r.json")
+    assert sorted(report.failed) == ["scene_0100_realsense", "scene_0160_realsense"]
+    lacking = {"scene_0160_realsense": report.failed["scene_0160_realsense"]}
+    assert reports.read_report(tmp_path / "r.json")["failed"] == lacking
+
+
 def test_the_command_prints_the_figures(root, pristine, tmp_path):
     arguments = ["--dataset", str(root.root), "--out", str(tmp_path / "r.json")]
     result = CliRunner().invoke(

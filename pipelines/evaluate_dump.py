@@ -56,7 +56,7 @@ def run(
     stamp = _stamp(config, joined)
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another report
     reports.refuse_other_page(output, overwrite=options.overwrite)
-    drop_stale(items, options)
+    drop_stale(items, options, scenes_folder(output).glob("[!.]*.npz"))
     report = run_batch(STAGE, items, functools.partial(_evaluate_scene, root, config), options)
     report.notes |= _absent_scenes(scenes, root)
     finished, left_out = [item for item in items if item.target.exists()], dict(report.failed)

@@ -120,12 +120,12 @@ class ComparedRuns:
         return inputs | truth_digests(self.root, self.scenes, baselines=baselines)
 
     def items(self, folder: Path, stamp: Stamp, options: BatchOptions) -> list[WorkItem]:
-        """Return one item per scene and camera, with the places of its frames; drop stale items."""
+        """Return one item per scene and camera, with the places of its frames; drop stale ones."""
         items = [
             WorkItem(scene.name, folder / f"{scene.name}.json", stamp, (places,))
             for scene, places in self.scenes.items()
         ]
-        drop_stale(items, options)
+        drop_stale(items, options, folder.glob("[!.]*.json"))
         return items
 
 

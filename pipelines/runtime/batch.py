@@ -148,13 +148,15 @@ def run_batch(
     return report
 
 
-def drop_stale(items: Sequence[WorkItem], options: BatchOptions) -> None:
+def drop_stale(
+    items: Sequence[WorkItem], options: BatchOptions, known: Iterable[Path] = ()
+) -> None:
     """Remove stale and damaged targets, for outputs that are parts of another output.
 
-    Parts without that other output are left over from an earlier run; a warning counts them, unless
-    the user overwrites.
+    Parts without that other output are left over from an earlier run, and so are those of `known`,
+    existing parts, that are no targets. A warning counts them, unless the user overwrites.
     """
-    removed = []
+    removed = sorted({*known} - {item.target for item in items})
     for item in items:
         try:
             is_finished(item.target, item.stamp)

@@ -128,6 +128,12 @@ def test_damaged_and_stale_parts_are_dropped_and_finished_ones_stay(tmp_path, ca
     )
 
 
+def test_parts_of_former_items_are_dropped(tmp_path):
+    run_batch("toy", items(tmp_path, ["a", "former"]), step, QUIET)
+    batch.drop_stale(items(tmp_path, ["a"]), QUIET, tmp_path.glob("*.json"))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.json"]
+
+
 def test_parts_to_overwrite_are_dropped_without_a_warning(tmp_path, caplog):
     run_batch("toy", items(tmp_path, ["a"]), step, QUIET)
     overwriting = dataclasses.replace(QUIET, overwrite=True)

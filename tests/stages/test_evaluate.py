@@ -448,6 +448,13 @@ def test_a_report_of_other_grasps_is_replaced_only_on_request(root, output, tmp_
     assert figures(output)["reasons"]["no region"] == 8
 
 
+def test_records_of_former_scenes_do_not_stay_beside_a_new_report(root, output, tmp_path):
+    less = [true_result(root, name) for name in frame_names() if "scene_0100" in name]
+    write_grasps(tmp_path / "g.h5", less)
+    run(tmp_path / "g.h5", root, output, overwrite=True)
+    assert [path.stem for path in records_folder(output).iterdir()] == ["scene_0100_realsense"]
+
+
 def test_a_scene_with_a_damaged_label_fails_alone(tmp_path):
     root = write_root(tmp_path / "root")
     label = root.frame(frame_names()[0]).path("label")

@@ -349,6 +349,14 @@ def test_a_broken_mesh_is_named(root, pristine, tmp_path):
     assert all("nontextured.ply" in sentence for sentence in report.failed.values())
 
 
+def test_verdicts_of_former_scenes_do_not_stay_beside_a_new_report(root, dump, tmp_path):
+    run(dump, root, tmp_path / "r.json")
+    shutil.rmtree(dump / "scene_0160")
+    run(dump, root, tmp_path / "r.json", overwrite=True)
+    left = [path.name for path in scenes_folder(tmp_path / "r.json").iterdir()]
+    assert all(name.startswith("scene_0100_realsense.npz") for name in left)
+
+
 def test_a_report_names_the_scenes_that_it_lacks(root, dump, tmp_path):
     other = GraspNetRoot(Path(shutil.copytree(root.root, tmp_path / "root")))
     for path in other.scene_folder(160).rglob("annotations/*.xml"):

@@ -79,7 +79,7 @@ class ComparedRuns:
         return used
 
     def method_notes(self) -> dict[str, str]:
-        """Return a sentence, by path, if our file has the grasps of a compared method."""
+        """Return a sentence, if our file has the grasps of a compared method."""
         method = self.index.attrs["config"].get("method")
         if method not in COMPARED_METHODS:
             return {}
@@ -87,10 +87,10 @@ class ComparedRuns:
             f"its grasps are those of `infer --method {method}`, and the report calls its row "
             f"{report_row(OURS).title}; --with shows them beside ours under their name"
         )
-        return {str(self.paths[OURS]): note}
+        return {f"method of {self.paths[OURS]}": note}
 
     def frames_notes(self) -> dict[str, str]:
-        """Return a note for each file, by path, whose frames are gone and differ from ours."""
+        """Return a note for each file whose frames are gone and differ from ours."""
         found = {
             f"frames of {path}": note_of_gone_frames(path, read_index(path), self.root)
             for path in self.paths.values()
@@ -98,9 +98,10 @@ class ComparedRuns:
         return {name: note for name, note in found.items() if note}
 
     def gripper_notes(self, gripper: str) -> dict[str, str]:
-        """Return a sentence for each file with grasps for another gripper, by its path."""
+        """Return a sentence for each file with grasps for another gripper."""
+        found = "the grasps were found for {} and are evaluated with {}"
         return {
-            str(path): f"the grasps were found for {theirs} and are evaluated with {gripper}"
+            f"gripper of {path}": found.format(theirs, gripper)
             for path, theirs in self._for_other_grippers(gripper).items()
         }
 

@@ -88,4 +88,5 @@ def _add_success(
         "success_by_friction": ours.get("success", {}),
         "success_reasons": ours.get("reasons", {}),
         "success_baselines": others,
+        "success_notes": reports.incomplete_notes(success),
     }

@@ -238,6 +238,15 @@ def test_success_is_added_to_the_figures_without_judging_again(root, truth_file,
     assert "75 (53-89)" in output.with_suffix(".html").read_text()
 
 
+def test_the_page_says_that_rates_lack_scenes(root, truth_file, output, tmp_path):
+    failed = {"scene_0100_realsense": "its label is <damaged>"}
+    success = write_success(tmp_path / "success.json", truth_file, failed=failed)
+    notes = run(truth_file, root, output, success=success).notes
+    assert "scene_0100_realsense: its label is <damaged>" in notes["success of ours"]
+    page = output.with_suffix(".html").read_text()
+    assert "scene_0100_realsense: its label is &lt;damaged&gt;" in page
+
+
 def test_success_of_other_methods_is_in_their_rows(root, truth_file, tmp_path):
     rates = {"trials": 20, "held": 4, "rate": 0.2, "low": 0.08, "high": 0.42}
     beside = {"success": {s: {"all": {"0.5": rates}} for s in ("seen", "all")}, "reasons": {}}

@@ -117,8 +117,8 @@ def compared(runs: Sequence[EvaluatedRun], config: CompareConfig, seed: int) -> 
                 figures.append(Figure(metric, split, len(names), values, found))
     if not figures:
         raise SymgraspError(
-            f"no figure is defined on the {len(paired)} frames that all runs contain, which show "
-            "no object to grasp; compare runs on other frames"
+            f"no figure is defined on the {counted(len(paired), 'frame')} that all runs contain, "
+            "without any object to grasp; compare runs on other frames"
         )
     return Comparison([run.name for run in runs], notes, figures, config)
 

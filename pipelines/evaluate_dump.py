@@ -19,7 +19,7 @@ from typing import Any
 from pipelines.configs import EvaluateDumpConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_layout import SPLITS, scene_name
-from pipelines.errors import printable
+from pipelines.errors import counted, printable
 from pipelines.evaluation import reports
 from pipelines.evaluation.graspnet.dump_verdicts import (
     DUMP_STATUSES,
@@ -84,8 +84,8 @@ def _evaluate_scene(root: GraspNetRoot, config: EvaluateDumpConfig, item: WorkIt
     write_dump_verdicts(item.target, frames, item.stamp)
     unknown = set(dumped.frame_ids) - {frame.frame_id for frame in frames}
     if unknown:
-        skipped = " or are left out by --frame-stride" if config.frame_stride > 1 else ""
-        return f"{len(unknown)} dumped frames are not in the dataset{skipped} and do not count"
+        skipped = " or among those of --frame-stride" if config.frame_stride > 1 else ""
+        return f"left out {counted(len(unknown), 'dumped frame')} not in the dataset{skipped}"
     return None
 
 
@@ -141,11 +141,11 @@ def _sentence(faults: Sequence[str], statuses: Sequence[int]) -> str:
     missing, unreadable = (statuses.count(DUMP_STATUSES.index(s)) for s in DUMP_STATUSES[1:])
     strided = missing >= frames / 2
     hint = " (after `infer --frame-stride N`, evaluate with the same option)" if strided else ""
-    partial = len(faults) - missing - unreadable
+    partial, all_frames = len(faults) - missing - unreadable, counted(frames, "frame")
     counts = [
-        (missing, f"{missing} of {frames} frames are missing and count as without grasps{hint}"),
-        (unreadable, f"{unreadable} of {frames} frames are unreadable and count as without grasps"),
-        (partial, f"{partial} of {frames} frames have rows that are no grasps"),
+        (missing, f"{missing} of {all_frames} are missing and count as without grasps{hint}"),
+        (unreadable, f"{unreadable} of {all_frames} are unreadable and count as without grasps"),
+        (partial, f"{partial} of {all_frames} have rows that are no grasps"),
     ]
     more = f"; and {len(faults) - NAMED} more" if len(faults) > NAMED else ""
     found = ", ".join(sentence for count, sentence in counts if count)

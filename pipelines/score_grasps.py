@@ -18,6 +18,7 @@ from pipelines.array_types import Array
 from pipelines.configs import ScoreGraspsConfig
 from pipelines.dataset.graspnet.signed_distance import read_sdf
 from pipelines.dataset.meshes import read_own_mesh
+from pipelines.errors import counted
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.meshes.signed_distance import SignedDistanceGrid
 from pipelines.geometry.meshes.winding import turned_outward
@@ -146,6 +147,6 @@ def _summary(verdicts: dict[str, NDArray[np.generic]]) -> str:
     held = verdicts["min_friction_grid"].astype(np.float64) > 0.0
     free = ~verdicts["collision"].astype(bool)
     return (
-        f"{len(found)} grasps, {found.sum()} touch with both fingers, {held.sum()} hold at a "
-        f"friction of the grid, {(held & free).sum()} of them without collision"
+        f"{counted(len(found), 'grasp')}, {found.sum()} touch with both fingers, {held.sum()} hold "
+        f"at a friction of the grid, {(held & free).sum()} of them without collision"
     )

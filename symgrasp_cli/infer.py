@@ -14,7 +14,7 @@ from pipelines.configs import InferConfig, LimitsConfig
 from pipelines.configs.inference import TRAINED_METHODS
 from pipelines.configs.settings import changed
 from pipelines.configs.stages import InferSettings, as_config
-from pipelines.errors import printable
+from pipelines.errors import counted, printable
 from symgrasp_cli.arguments import Batch, CameraAndUnits, FromOptions, SymmetryModels
 from symgrasp_cli.options import (
     CameraName,
@@ -203,7 +203,8 @@ def _print_outcome(frame: "FrameOutcome") -> None:
     if report_style().as_json:
         line = json.dumps({**asdict(frame), "seconds": round(frame.seconds, 3)})
     else:
-        facts = f"{frame.status}  {frame.grasps} grasps  {frame.seconds:.2f} s"
+        grasps = counted(frame.grasps, "grasp")
+        facts = f"{frame.status}  {grasps}  {frame.seconds:.2f} s"
         line = printable(f"{frame.name}  {facts}  {frame.text}")
     try:
         typer.echo(line)

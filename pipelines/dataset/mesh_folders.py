@@ -5,7 +5,7 @@ from itertools import islice
 from pathlib import Path
 
 from pipelines.dataset.meshes import CONVERSION, MESH_SUFFIXES, UNREAD_SUFFIXES, warn_once
-from pipelines.errors import SymgraspError
+from pipelines.errors import SymgraspError, counted
 
 MOST_FILES_NAMED, MOST_LOOKED_AT = 5, 200
 
@@ -38,8 +38,7 @@ def _passed_over(files: Sequence[Path]) -> list[str]:
     folders = [file for file in files if file.is_dir() and _holds_meshes(file)]
     sentences = []
     if others:
-        count = f"{len(others)} files" if len(others) > 1 else "1 file"
-        found = f"{count} of formats that are not read: {_some(others)}"
+        found = f"{counted(len(others), 'file')} of formats that are not read: {_some(others)}"
         sentences.append(f"{found}; {CONVERSION}")
     if folders:
         found = f"meshes of subfolders are not read: {_some(folders)}"

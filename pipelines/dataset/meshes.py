@@ -20,7 +20,13 @@ import trimesh
 
 from pipelines.array_types import Array, Indices
 from pipelines.contents import reason
-from pipelines.errors import FormatError, SymgraspError, UnknownNameError, ValueRangeError
+from pipelines.errors import (
+    FormatError,
+    SymgraspError,
+    UnknownNameError,
+    ValueRangeError,
+    counted,
+)
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.meshes.winding import turned_outward
 from pipelines.storage.files import existing, read_bytes, write_bytes
@@ -183,8 +189,8 @@ def clean_mesh(mesh: Mesh) -> tuple[Mesh, Indices, str]:
     if not len(kept):
         raise ValueRangeError("mesh", "without area", "a surface: no triangle has three corners")
     counts = {"degenerate": int(flat.sum()), "duplicate": int(repeated.sum())}
-    dropped = [f"{count} {kind}" for kind, count in counts.items() if count]
-    note = f"dropped {' and '.join(dropped)} triangles" if dropped else ""
+    dropped = [counted(count, f"{kind} triangle") for kind, count in counts.items() if count]
+    note = f"dropped {' and '.join(dropped)}" if dropped else ""
     return mesh.submesh(kept), kept, note
 
 

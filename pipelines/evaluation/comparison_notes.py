@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pipelines.contents import mapping_in
+from pipelines.errors import counted
 from pipelines.evaluation.paired_runs import EvaluatedRun
 from pipelines.evaluation.reports import WITH
 from pipelines.evaluation.run_readers import DEFAULT_ROW
@@ -19,10 +20,10 @@ SEEDED = ("simulate",)  # stages where the seed affects all rows: it cuts models
 
 def frame_notes(runs: Sequence[EvaluatedRun], paired: int) -> list[str]:
     """Return sentences on the `paired` frames that all `runs` have, and on the frames left out."""
-    notes = [f"{paired} frames are in all {len(runs)} runs and are compared."]
+    notes = [f"Compared: {counted(paired, 'frame')} in all {len(runs)} runs."]
     return notes + [
-        f"{len(run.frames) - paired} of the {len(run.frames)} frames of {run.name} are not in "
-        "every run and are left out."
+        f"Left out: {len(run.frames) - paired} of {counted(len(run.frames), 'frame')} of "
+        f"{run.name}, not in every run."
         for run in runs
         if len(run.frames) > paired
     ]

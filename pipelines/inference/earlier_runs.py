@@ -10,7 +10,7 @@ from typing import Any
 
 import h5py
 
-from pipelines.errors import FormatError, StaleOutputError, SymgraspError
+from pipelines.errors import FormatError, StaleOutputError, SymgraspError, counted
 from pipelines.frames.frame_inputs import FRAMES_INPUT
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_stream import read_index
@@ -111,7 +111,7 @@ def refuse_stale(run: InferRun, known: set[str]) -> None:
     lost = [name for name, status in states if status != "failed" and name not in known]
     if lost:
         raise SymgraspError(
-            f"{run.output} holds {len(lost)} frames that are no longer in "
+            f"{run.output} holds {counted(len(lost), 'frame')} no longer in "
             f"{run.settings.paths.frames}, for example {lost[0]}; choose another output, or pass "
             "--overwrite"
         )

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pipelines.array_types import Mask, Singles
 from pipelines.configs import ColorConfig, InferConfig
+from pipelines.errors import counted
 from pipelines.frames.rgbd import Frame
 from pipelines.geometry.transforms import transform_points
 from pipelines.grasp_files.grasps_tables import REGION_FLAT, REGION_MEASURED, REGION_NO_DEPTH
@@ -188,9 +189,9 @@ def dropped_instances(observation: Observation) -> str:
     """Return a sentence on the instances of the user's masks that are too small, if any are."""
     if not observation.too_small:
         return ""
-    total = len(observation.regions) + observation.too_small
+    all_instances = counted(len(observation.regions) + observation.too_small, "instance")
     return (
-        f"{observation.too_small} of {total} instances of the masks were dropped as too small; "
+        f"dropped {observation.too_small} of {all_instances} of the masks as too small; "
         f"an instance needs {observation.min_region_pixels} pixels"
     )
 
@@ -211,16 +212,18 @@ def _place_of_regions(observation: Observation) -> str:
 def _why_none_graspable(observation: Observation) -> str:
     clouds, limits = observation.clouds, observation.scene.limits
     if clouds and all(len(cloud) < MIN_POINTS for cloud in clouds):
-        measured = f"too little depth was measured in {len(clouds)} regions"
+        measured = f"too little depth was measured in {counted(len(clouds), 'region')}"
         return f"{measured}; a region needs {MIN_POINTS} points"
     if not clouds and observation.improbable:
-        return f"the detector rates {observation.improbable} regions as no objects; see min_rating"
+        improbable = counted(observation.improbable, "region")
+        return f"the detector rates {improbable} too low for an object; see min_rating"
     if not clouds:
         return "nothing stands out from its support; is an object within reach of the camera?"
     inside = len(observation.in_workspace()[0])
     if not inside:
         place = _place_of_regions(observation)
-        return f"none of {len(clouds)} regions is in the workspace; {place}"
+        return f"none of {counted(len(clouds), 'region')} is in the workspace; {place}"
+    regions = counted(inside, "region")
     if limits is not None:
-        return f"none of {inside} regions in the workspace has a grasp within the given limits"
-    return f"none of {inside} regions has a grasp that the gripper reaches without collision"
+        return f"none of {regions} in the workspace has a grasp within the given limits"
+    return f"none of {regions} has a grasp that the gripper reaches without collision"

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pipelines.array_types import Array, Indices, Mask
 from pipelines.configs import InferConfig
+from pipelines.errors import counted
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasp_files.grasps_tables import GraspTable, RegionTable, are_worth_trying
 from pipelines.grasping.ranked_grasps import RankedGrasps
@@ -147,6 +148,5 @@ def why_all_weak(plans: list[Plan]) -> str:
     scores = np.concatenate([np.zeros(0), *(plan.grasps.rank_score for plan in plans)])
     if not len(scores):
         return ""
-    return (
-        f"none of {len(scores)} grasps scores --min-score or more; the best has {max(scores):.3f}"
-    )
+    grasps = counted(len(scores), "grasp")
+    return f"none of {grasps} scores --min-score or more; the best has {max(scores):.3f}"

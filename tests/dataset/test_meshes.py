@@ -143,7 +143,7 @@ def test_degenerate_and_duplicate_triangles_are_dropped_and_reported() -> None:
     mesh, kept, note = clean_mesh(Mesh(np.concatenate([good.vertices, [middle]]), faces))
     assert_array_equal(mesh.faces, good.faces)
     assert_array_equal(kept, np.arange(len(good.faces)) + 1)
-    assert note == "dropped 2 degenerate and 2 duplicate triangles"
+    assert note == "dropped 2 degenerate triangles and 2 duplicate triangles"
     assert clean_mesh(good)[2] == ""
 
 

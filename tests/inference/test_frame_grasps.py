@@ -259,22 +259,22 @@ def test_instances_that_are_too_small_are_reported_to_be(limits):
     # In a small image an instance needs fewer than 200 pixels.
     message = of_masks(speck(), **limits)
     assert message == (
-        "1 of 1 instances of the masks were dropped as too small; an instance needs 50 pixels"
+        "dropped 1 of 1 instance of the masks as too small; an instance needs 50 pixels"
     )
 
 
 @pytest.mark.parametrize("limits", [{}, {"box": (-9.0, -9.0, -9.0, 9.0, 9.0, 9.0)}])
 def test_instances_without_depth_are_reported_to_have_none(limits):
     message = of_masks(INDEX == 0, BARE, **limits)
-    assert message == ("too little depth was measured in 1 regions; a region needs 20 points")
+    assert message == ("too little depth was measured in 1 region; a region needs 20 points")
 
 
 def test_every_reason_for_instances_without_grasps_is_reported():
     masks = np.where(INDEX == 0, 2, 0)
     masks[:5, :6] = 1
     message = of_masks(masks, BARE)
-    assert "measured in 1 regions" in message
-    assert "1 of 2 instances of the masks were dropped as too small" in message
+    assert "measured in 1 region" in message
+    assert "dropped 1 of 2 instances of the masks as too small" in message
 
 
 def test_instances_keep_their_ids_where_others_are_too_small_which_is_noted():
@@ -284,7 +284,7 @@ def test_instances_keep_their_ids_where_others_are_too_small_which_is_noted():
     result = planner.plan(FRAME, np.random.default_rng(0), masks)
     assert result.status == "ok"
     assert result.regions.instance.tolist() == [7]
-    assert result.message.startswith("1 of 2 instances of the masks were dropped as too small; ")
+    assert result.message.startswith("dropped 1 of 2 instances of the masks as too small; ")
     masks[:5, :6] = 0
     assert not planner.plan(FRAME, np.random.default_rng(0), masks).message
 
@@ -295,7 +295,7 @@ def test_masks_without_instances_are_reported_to_show_none():
 
 def test_regions_that_no_gripper_reaches_are_reported_to_be_out_of_reach():
     lone = replace(FRAME, depth=np.where(INDEX == 0, 1.9, 0).astype(np.float32))
-    assert "none of 1 regions has a grasp" in of_masks(INDEX == 0, lone)
+    assert "none of 1 region has a grasp" in of_masks(INDEX == 0, lone)
 
 
 def test_masked_objects_are_grasped_without_any_depth_around_them():

@@ -153,7 +153,7 @@ def test_degenerate_and_repeated_triangles_change_only_the_note(tmp_path):
     spoilt = Mesh(can.vertices, np.concatenate([can.faces, can.faces[:9], [[0, 0, 1], [5, 5, 5]]]))
     write_mesh(tmp_path / "can.ply", spoilt)
     report = run(tmp_path / "can.ply", tmp_path / "out")
-    assert "2 degenerate and 9 duplicate" in report.notes["can"]
+    assert "2 degenerate triangles and 9 duplicate triangles" in report.notes["can"]
     labels = symmetry_labels.read(tmp_path / "out" / "can.json")
     assert [symmetry.kind for symmetry in labels.symmetries] == ["reflection", "rotation"]
     assert len(labels.regions[0].triangles) == len(spoilt.faces)

@@ -139,7 +139,7 @@ def narrow(tmp_path) -> str:
 def test_grasps_too_wide_for_a_named_gripper_are_left_out_and_counted(to, narrow, grasps, tmp_path):
     report = run(grasps, tmp_path / OUTPUTS[to], to=to, gripper=narrow)
     assert report.notes["left out"] == (
-        "6 of 9 grasps are wider than the 44 mm that narrow takes; their places in /grasps: "
+        "6 of 9 grasps wider than the 44 mm that narrow takes; their places in /grasps: "
         "scenes/scene_0100/realsense/0000 1-2; scenes/scene_0160/realsense/0001 4-5; desk/0007 7-8"
     )
     assert "collisions were checked with rg2" in report.notes[OUTPUTS[to]]

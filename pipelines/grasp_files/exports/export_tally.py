@@ -43,16 +43,16 @@ class ExportTally:
         if not gripper.is_the_one_checked:
             made += f"; collisions were checked with {gripper.checked_with}, not with {name}"
         if self.low:
-            made += f"; {self.low} grasps score below {min_score:g} and are left out"
+            made += f"; left out {counted(self.low, 'grasp')} with a score below {min_score:g}"
         if not self.left_out:
             return {output: made}
         named = list(self.left_out.items())[:NAMED_AT_MOST]
         places = [f"{frame} {as_ranges(rows)}" for frame, rows in named]
         if len(self.left_out) > NAMED_AT_MOST:
-            places.append(f"and more in {len(self.left_out) - NAMED_AT_MOST} frames")
+            places.append(f"and more in {counted(len(self.left_out) - NAMED_AT_MOST, 'frame')}")
         count = sum(map(len, self.left_out.values()))
         wide = (
-            f"{count} of {self.written + self.low + count} grasps are wider than the "
+            f"{count} of {counted(self.written + self.low + count, 'grasp')} wider than the "
             f"{1000 * gripper.model.max_width:.0f} mm that {name} takes; their places in "
             f"/grasps: {'; '.join(places)}"
         )

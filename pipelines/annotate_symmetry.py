@@ -25,6 +25,7 @@ from pipelines.dataset.symmetry.symmetry_edits import ObjectEdits
 from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries
 from pipelines.errors import SymgraspError
 from pipelines.mesh_symmetry.parts.symmetric_parts import has_slot
+from pipelines.pictures import contact_sheet
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import output_locked
 from pipelines.storage.files import refuse_file_as_folder
@@ -47,6 +48,7 @@ def run(
     extras, options = extras or AnnotationExtras(), options or BatchOptions()
     if extras.pictures is not None:
         refuse_file_as_folder(extras.pictures)
+        contact_sheet.refuse_other_index(extras.pictures)
     optional = jobs.OptionalInputs(
         edits={} if extras.edits is None else symmetry_edits.read(extras.edits),
         bop={} if extras.bop_symmetries is None else bop_models_info.read(extras.bop_symmetries),

@@ -13,11 +13,13 @@ import cv2
 import numpy as np
 
 from pipelines.dataset.symmetry.symmetry_labels import FOUND, ObjectSymmetries
+from pipelines.errors import SymgraspError
 from pipelines.geometry.symmetry import RotationSymmetry, Symmetry
 from pipelines.pictures.pages import rendered
 from pipelines.pictures.palette import Color, ColorImage
 from pipelines.storage.files import write_text
 from pipelines.storage.images import write_image
+from pipelines.storage.provenance import PAGE_HEAD
 
 SHEET_COLUMNS, SHEET_ROWS = 4, 6
 CAPTION, GAP, TITLE = 62, 10, 44  # pixels
@@ -31,6 +33,7 @@ LEGEND = (
     "pink, blue, amber sheets: mirrors 0, 1, 2   red: axes, spheres   "
     "coloured surface: regions   dashed grey: nearest rejected"
 )
+OUR_TITLE = "<title>Symmetries</title>"
 SHEET = re.compile(r"sheet_\d{2,}\.png")
 TEMPLATE = Path(__file__).with_suffix(".html")
 
@@ -55,15 +58,35 @@ def write_sheets(folder: Path, tiles: Sequence[Tile]) -> list[Path]:
     ranked = sorted(tiles, key=lambda tile: (-tile.doubt, tile.name))
     size = SHEET_COLUMNS * SHEET_ROWS
     pages = [ranked[start : start + size] for start in range(0, len(ranked), size)]
-    paths = [folder / f"sheet_{number:02d}.png" for number in range(1, len(pages) + 1)]
+    index, *paths = page_paths(folder, len(tiles))
     earlier = {path for path in folder.glob("sheet_*.png") if SHEET.fullmatch(path.name)}
     for old in earlier - set(paths):
         old.unlink()
     for number, (path, page) in enumerate(zip(paths, pages, strict=True)):
         title = f"page {number + 1} of {len(pages)}, most doubtful first"
         write_image(path, draw_sheet(page, title, first_rank=number * size + 1))
-    write_text(folder / "index.html", _index(ranked))
+    write_text(index, _index(ranked))
     return paths
+
+
+def page_paths(folder: Path, count: int) -> list[Path]:
+    """Return the paths of the index and of the pages of `count` objects."""
+    pages = -(-count // (SHEET_COLUMNS * SHEET_ROWS))
+    numbers = range(1, pages + 1)
+    return [folder / "index.html", *(folder / f"sheet_{number:02d}.png" for number in numbers)]
+
+
+def refuse_other_index(folder: Path) -> None:
+    """Raise SymgraspError if there is an `index.html` in `folder` that is not one of ours."""
+    index = folder / "index.html"
+    if not index.is_file():
+        return
+    with index.open(encoding="utf-8", errors="replace") as stream:
+        is_ours = OUR_TITLE in stream.read(PAGE_HEAD)
+    if not is_ours:
+        raise SymgraspError(
+            f"{index} exists and is no page of annotate-symmetry; choose another --pictures"
+        )
 
 
 def draw_sheet(tiles: Sequence[Tile], title: str, first_rank: int = 1) -> ColorImage:

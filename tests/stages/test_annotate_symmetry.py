@@ -337,6 +337,15 @@ def test_pictures_are_made_of_finished_annotations_and_only_once(box):
     assert "pictures" in draw().notes
 
 
+def test_pictures_do_not_replace_the_index_of_another_program(box):
+    (box / "index.html").write_text("<title>Mine</title>")
+    with pytest.raises(SymgraspError, match="is no page of annotate-symmetry; choose another"):
+        annotate_symmetry.run(
+            box / "box.ply", box / "out", QUICK, extras=AnnotationExtras(pictures=box)
+        )
+    assert (box / "index.html").read_text() == "<title>Mine</title>"
+
+
 def test_a_picture_that_failed_is_drawn_by_the_next_run(box, monkeypatch):
     extras = AnnotationExtras(pictures=box / "later")
 

@@ -69,7 +69,7 @@ def run(
     if real_path(frames).is_relative_to(real_path(output)):
         raise ValueRangeError("--out", output, f"a folder that does not hold the frames, {frames}")
     if is_finished(output, stamp, overwrite=overwrite):
-        _report_again(report, names, output)
+        _report_again(report, sources, names, output)
         return report
     with atomic_folder(output) as folder:
         for source, name in zip(sources, names, strict=True):
@@ -110,14 +110,28 @@ def _fail_hidden(report: StageReport, folder: Path) -> None:
     report.done = [name for name in report.done if name in found]
 
 
-def _report_again(report: StageReport, names: Sequence[str], output: Path) -> None:
-    """Count `names` as skipped, or as failed with the sentence that the earlier run recorded."""
+def _report_again(
+    report: StageReport, sources: Sequence[FrameSource], names: Sequence[str], output: Path
+) -> None:
+    """Count `names` as skipped, or as failed with the sentence that the earlier run recorded.
+
+    Frames whose files are lost are written again.
+    """
     recorded = mapping_in(mapping_in(read_stamp(output), "recorded"), "failed")
-    for name in names:
+    for source, name in zip(sources, names, strict=True):
         if name in recorded:
             report.failed[name] = f"{recorded[name]} (--overwrite tries it again)"
-        else:
+        elif _is_written(output, name):
             report.skipped.append(name)
+        else:
+            with report.attempting(name):
+                write_flat_pair(output, replace(source.read(), name=name))
+
+
+def _is_written(folder: Path, name: str) -> bool:
+    depths = (folder / f"{name}_depth{suffix}" for suffix in (".png", ".npz"))
+    others = (folder / f"{name}_color.png", folder / f"{name}_camera.json")
+    return all(path.is_file() for path in others) and any(path.is_file() for path in depths)
 
 
 def write_flat_pair(folder: Path, frame: Frame) -> None:

@@ -115,22 +115,21 @@ def run(
     finished = is_finished(output, stamp, overwrite=overwrite)
     tally = ExportTally()
     frames = _exported(grasps, index, gripper, frame_of, config.min_score, report)
+    path_of = _paths(config.to, index, report)
     if config.to in TO_FOLDER:
-        path_of = _paths(config.to, index, report)
         frames = _with_path(frames, path_of, Claims(folds_case=folds_case(output)), index, report)
     frames = tally.counted(frames)
-    if finished:
-        for _frame in frames:  # frames that could not be exported are reported again
-            pass
-        report.skipped.append(output.name)
-        return report
     header = ExportHeader(gripper, frame, stamp.as_json(), index.stamp)
+    if finished:
+        # All frames are read, so that those that could not be exported are reported again.
+        lost = _write_frames(frames, output, path_of, header, config.to)
+        (report.done if lost else report.skipped).append(output.name)
+        return report
     if config.to in TO_FILE:
         _write_file(output, stamp, lambda path: TO_FILE[config.to](path, frames, header))
     else:
         with atomic_folder(output) as folder:
-            for each in frames:
-                TO_FOLDER[config.to][0](folder / path_of(each.result.name), each, header)
+            _write_frames(frames, folder, path_of, header, config.to)
             write_sidecar(folder, stamp)
     report.done.append(output.name)
     report.notes |= tally.notes(
@@ -218,6 +217,23 @@ def _exported(
     _refuse_nothing(index, report)
 
 
+def _write_frames(
+    frames: Iterable[FrameGrasps],
+    folder: Path,
+    path_of: Callable[[str], Path],
+    header: ExportHeader,
+    to: str,
+) -> int:
+    """Write the frames that have no file in `folder` yet; return their number."""
+    written = 0
+    for each in frames:
+        path = folder / path_of(each.result.name)
+        if not path.is_file():
+            TO_FOLDER[to][0](path, each, header)
+            written += 1
+    return written
+
+
 def _write_file(output: Path, stamp: Stamp, write: Callable[[Path], None]) -> None:
     has_sidecar = output.suffix == ".csv"  # a JSON file contains its stamp
     if has_sidecar:  # a stamp must never be next to another file
@@ -229,6 +245,8 @@ def _write_file(output: Path, stamp: Stamp, write: Callable[[Path], None]) -> No
 
 def _paths(to: str, index: GraspsIndex, report: StageReport) -> Callable[[str], Path]:
     """Return the function from a frame's name to the path of its file in the folder."""
+    if to in TO_FILE:
+        return lambda _name: Path()  # the output itself
     if to != "graspnet":
         return lambda name: frame_path(name, *TO_FOLDER[to][1:])
     states = zip(index.names, index.statuses, strict=True)

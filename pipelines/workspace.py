@@ -85,13 +85,13 @@ def run(
     stamp = make_stamp(STAGE, config, inputs=_inputs(sources, stated))
     refuse_foreign(output, STAGE)
     finished = is_finished(output, stamp, overwrite=overwrite)  # the boxes are printed again
-    with nullcontext() if finished else atomic_folder(output) as folder:
+    with nullcontext(output) if finished else atomic_folder(output) as folder:
         for source in sources:
             with found.report.attempting(source.name):
                 _draw(source, folder, config, found)
         if not found.boxes:
             raise SymgraspError(found.report.why_all_failed("has a workspace"))
-        if folder is not None:
+        if not finished:
             write_sidecar(folder, stamp)
     found.report.seconds = time.monotonic() - started
     return found
@@ -128,21 +128,20 @@ def frame_box(observation: Observation, config: WorkspaceConfig) -> WorkspaceBox
     return suggested_box([cloud.points for cloud in observation.clouds], plane, config.margin)
 
 
-def _draw(
-    source: FrameSource, folder: Path | None, config: WorkspaceConfig, found: Workspaces
-) -> None:
-    """Keep the box of a frame, and draw the frame into `folder`, if there is one."""
+def _draw(source: FrameSource, folder: Path, config: WorkspaceConfig, found: Workspaces) -> None:
+    """Keep the box of a frame, and write the pictures that are not in `folder` yet."""
     frame = source.read()
     observation = observe(frame, GEOMETRIC, np.random.default_rng(0))
     box = frame_box(observation, config)
     masks: Sequence[Mask] = [region.mask for region in observation.regions]
     found.boxes[source.name] = box
     found.report.notes[source.name] = f"{counted(len(masks), 'region')}; {box.options}"
-    if folder is None:
+    pictures = [folder / f"{source.name}{suffix}.png" for suffix in ("", "_mask")]
+    if all(path.is_file() for path in pictures):
         return
     inside = box.contains(observation.scene.xyz) | (frame.depth <= 0)  # pixels without depth too
-    picture = draw_workspace(frame, box, inside, masks)
-    # As the camera sees it, since masks are drawn on its images and undistorted with these.
-    write_image(folder / f"{source.name}.png", frame.distorted(picture))
-    white = inside.astype(np.uint8) * 255
-    write_image(folder / f"{source.name}_mask.png", frame.distorted(white))
+    images = draw_workspace(frame, box, inside, masks), inside.astype(np.uint8) * 255
+    for path, image in zip(pictures, images, strict=True):
+        if not path.is_file():
+            # As the camera sees it, since masks are drawn on its images and undistorted with these.
+            write_image(path, frame.distorted(image))

@@ -57,8 +57,6 @@ def _write_pictures(
 ) -> None:
     """Draw every annotated object and the contact sheets, unless they are up to date."""
     stamp = _stamp_of_all(PICTURES, items)
-    if folder.is_dir() and read_stamp(folder) == stamp.as_json():
-        return
     drawings = [
         WorkItem(
             f"picture of {item.name}",
@@ -68,6 +66,10 @@ def _write_pictures(
         )
         for item in items
     ]
+    wanted = [*contact_sheet.page_paths(folder, len(items)), *(each.target for each in drawings)]
+    is_whole = all(path.is_file() for path in wanted)
+    if is_whole and read_stamp(folder) == stamp.as_json():
+        return
     drawn = run_batch(PICTURES, drawings, draw_file, replace(options, overwrite=True))
     report.failed |= drawn.failed
     tiles = [

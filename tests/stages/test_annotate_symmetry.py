@@ -333,6 +333,10 @@ def test_pictures_are_made_of_finished_annotations_and_only_once(box):
     assert len(np.unique(sheet.reshape(-1, 3), axis=0)) > 100
     assert "objects/box.png" in (box / "pictures" / "index.html").read_text()
     assert "pictures" not in draw().notes
+    for lost in ("objects/box.png", "sheet_01.png", "index.html"):
+        (box / "pictures" / lost).unlink()
+        assert "pictures" in draw().notes
+        assert (box / "pictures" / lost).is_file()
     corrected(box, [DROP])
     assert "pictures" in draw().notes
 

@@ -89,6 +89,10 @@ def test_no_code_of_a_trusted_pickle_is_run(
 def test_a_second_run_skips_and_other_settings_are_refused(pickled: Path, tmp_path: Path) -> None:
     convert_frames.run(pickled, tmp_path / "out", TRUSTING)
     assert convert_frames.run(pickled, tmp_path / "out", TRUSTING).skipped == ["mug"]
+    for lost in list((tmp_path / "out").glob("mug_*")):
+        lost.unlink()
+        assert convert_frames.run(pickled, tmp_path / "out", TRUSTING).done == ["mug"]
+        assert lost.is_file()
     with pytest.raises(StaleOutputError):
         convert_frames.run(pickled, tmp_path / "out", TRUSTING, stated=FrameOptions(None, 0.9))
     (tmp_path / "mine").mkdir()

@@ -370,6 +370,12 @@ def test_an_export_is_skipped_when_done_and_refused_when_it_differs(to, grasps, 
         run(grasps, out, to=to, gripper="franka")
     made = export.run(grasps, out, ExportConfig(to=to, gripper="franka"), overwrite=True)
     assert made.done
+    if out.is_dir():
+        lost = next(path for path in out.rglob("*") if path.is_file() and path.stem != "provenance")
+        before = lost.read_bytes()
+        lost.unlink()
+        assert run(grasps, out, to=to, gripper="franka").done
+        assert lost.read_bytes() == before
     assert run(grasps, out, to=to, gripper="franka").skipped
 
 

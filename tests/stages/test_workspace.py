@@ -92,6 +92,11 @@ def test_a_second_run_returns_the_boxes_and_leaves_masks_that_were_painted(tmp_p
     (folder / "table_1_mask.png").write_bytes(b"painted")
     assert workspace.run(FRAMES, folder, ONE).options() == first.options()
     assert (folder / "table_1_mask.png").read_bytes() == b"painted"
+    drawn = (folder / "table_1.png").read_bytes()
+    (folder / "table_1.png").unlink()
+    workspace.run(FRAMES, folder, ONE)
+    assert (folder / "table_1.png").read_bytes() == drawn
+    assert (folder / "table_1_mask.png").read_bytes() == b"painted"
 
 
 def test_pictures_of_other_images_or_of_another_stated_unit_are_not_kept(tmp_path):

@@ -78,14 +78,13 @@ def run(
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another report
     reports.refuse_other_page(output, overwrite=options.overwrite)
     simulated = reports.read_successes(success, stamp)
-    incomplete = reports.incomplete_notes(simulated)
+    notes = reports.incomplete_notes(simulated) | runs.method_notes() | runs.frames_notes()
+    notes |= runs.gripper_notes(config.gripper)
     further = [reports.read_table(path) for path in tables]
     items = runs.items(records_folder(output), stamp, options)
     step = functools.partial(_evaluate_scene, dataset, config, baselines)
     report = run_batch("evaluate", items, step, options)
-    report.notes |= {f"success of {row}": note for row, note in incomplete.items()}
-    report.notes |= runs.method_notes() | runs.frames_notes()
-    report.notes |= runs.gripper_notes(config.gripper)
+    report.notes |= notes
     finished = [item.target for item in items if item.target.exists()]
     if finished and not options.dry_run:
         report.notes |= write_report_files(
@@ -97,6 +96,7 @@ def run(
             unit=unit,
             success=simulated,
             failed=report.failed,
+            notes=notes,
             tables=further,
         )
     return report

@@ -58,18 +58,19 @@ def run(
     reports.refuse_other_page(output, overwrite=options.overwrite)
     drop_stale(items, options, scenes_folder(output).glob("[!.]*.npz"))
     report = run_batch(STAGE, items, functools.partial(_evaluate_scene, root, config), options)
-    report.notes |= _absent_scenes(scenes, root)
+    notes = _absent_scenes(scenes, root)
     finished, left_out = [item for item in items if item.target.exists()], dict(report.failed)
     if finished and not options.dry_run:
-        tally = _tally(finished, report)
+        tally = _tally(finished, report, config, notes)
         more: dict[str, Any] = {"accuracy": tally.accuracy(), "scenes": tally.scenes}
-        more["failed"] = left_out
+        more |= {"failed": left_out, "notes": notes}
         reports.write_report(
             output, tally.rows(), stamp, protocol=PROTOCOL, exact=config.exact, **more
         )
         name = printable(real_path(dump).name)
         page = dump_page(reports.read_report(output), name, report.failed)
         write_text(output.with_suffix(".html"), page)
+    report.notes |= notes
     return report
 
 
@@ -78,15 +79,9 @@ def tables(output: Path) -> list[Table]:
     return dump_tables(reports.read_report(output)["rows"])
 
 
-def _evaluate_scene(root: GraspNetRoot, config: EvaluateDumpConfig, item: WorkItem) -> str | None:
+def _evaluate_scene(root: GraspNetRoot, config: EvaluateDumpConfig, item: WorkItem) -> None:
     (dumped,) = item.arguments
-    frames = score_scene(root, dumped, config)
-    write_dump_verdicts(item.target, frames, item.stamp)
-    unknown = set(dumped.frame_ids) - {frame.frame_id for frame in frames}
-    if unknown:
-        skipped = " or among those of --frame-stride" if config.frame_stride > 1 else ""
-        return f"left out {counted(len(unknown), 'dumped frame')} not in the dataset{skipped}"
-    return None
+    write_dump_verdicts(item.target, score_scene(root, dumped, config), item.stamp)
 
 
 def _scene_items(
@@ -121,13 +116,23 @@ def _stamp(config: EvaluateDumpConfig, inputs: Mapping[str, str]) -> Stamp:
     return make_stamp(f"{STAGE} --protocol {PROTOCOL}", config, inputs=inputs)
 
 
-def _tally(items: Sequence[WorkItem], report: StageReport) -> DumpTally:
-    """Return the figures of all scenes; add faulty frames to the report."""
+def _tally(
+    items: Sequence[WorkItem],
+    report: StageReport,
+    config: EvaluateDumpConfig,
+    notes: dict[str, str],
+) -> DumpTally:
+    """Return the figures of all scenes; add faulty frames to the report, and unknown to `notes`."""
     tally = DumpTally()
     for item in items:
         scene: DumpedScene = item.arguments[0]
         verdicts = read_dump_verdicts(item.target)
         tally.add(item.name, scene.camera, scene.scene_id, verdicts)
+        unknown = set(scene.frame_ids) - set(verdicts["frame_id"].tolist())
+        if unknown:
+            skipped = " or among those of --frame-stride" if config.frame_stride > 1 else ""
+            left_out = counted(len(unknown), "dumped frame")
+            notes[item.name] = f"left out {left_out} not in the dataset{skipped}"
         faults = verdicts["message"][verdicts["message"] != ""].tolist()
         if faults:
             sentence = _sentence(faults, verdicts["status"].tolist())

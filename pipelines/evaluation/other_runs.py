@@ -73,9 +73,11 @@ class ComparedRuns:
             FormatError: no gripper is wanted, and a file has grasps for another one than ours.
         """
         used = gripper_to_use(wanted, self.index.gripper, self.index.stamp)
-        for path, theirs in self._for_other_grippers(used).items() if not wanted else ():
+        for row, theirs in self._for_other_grippers(used).items() if not wanted else ():
             expected = "run this command on it alone and use `compare`, or name a --gripper for all"
-            raise FormatError(path, f"has grasps for {theirs}, ours are for {used}", expected)
+            raise FormatError(
+                self.paths[row], f"has grasps for {theirs}, ours are for {used}", expected
+            )
         return used
 
     def method_notes(self) -> dict[str, str]:
@@ -87,30 +89,30 @@ class ComparedRuns:
             f"its grasps are those of `infer --method {method}`, and the report calls its row "
             f"{report_row(OURS).title}; --with shows them beside ours under their name"
         )
-        return {f"method of {self.paths[OURS]}": note}
+        return {f"method of {OURS}": note}
 
     def frames_notes(self) -> dict[str, str]:
-        """Return a note for each file whose frames are gone and differ from ours."""
+        """Return a note for each row whose frames are gone and differ from ours."""
         found = {
-            f"frames of {path}": note_of_gone_frames(path, read_index(path), self.root)
-            for path in self.paths.values()
+            f"frames of {row}": note_of_gone_frames(path, read_index(path), self.root)
+            for row, path in self.paths.items()
         }
         return {name: note for name, note in found.items() if note}
 
     def gripper_notes(self, gripper: str) -> dict[str, str]:
-        """Return a sentence for each file with grasps for another gripper."""
+        """Return a sentence for each row with grasps for another gripper."""
         found = "the grasps were found for {} and are evaluated with {}"
         return {
-            f"gripper of {path}": found.format(theirs, gripper)
-            for path, theirs in self._for_other_grippers(gripper).items()
+            f"gripper of {row}": found.format(theirs, gripper)
+            for row, theirs in self._for_other_grippers(gripper).items()
         }
 
-    def _for_other_grippers(self, gripper: str) -> dict[Path, str]:
-        """Return the gripper of each file whose grasps were not found for `gripper`."""
-        found = {path: read_index(path) for path in self.paths.values()}
+    def _for_other_grippers(self, gripper: str) -> dict[str, str]:
+        """Return the gripper of each row whose grasps were not found for `gripper`."""
+        found = {row: read_index(path) for row, path in self.paths.items()}
         return {
-            path: index.gripper if index.gripper != gripper else f"another {gripper}"
-            for path, index in found.items()
+            row: index.gripper if index.gripper != gripper else f"another {gripper}"
+            for row, index in found.items()
             if not is_found_for(gripper, index.gripper, index.stamp)
         }
 

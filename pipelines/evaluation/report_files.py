@@ -32,13 +32,15 @@ def write_report_files(
     unit: BootstrapUnit,
     success: Mapping[str, Mapping[str, Any]],
     failed: Mapping[str, str],
+    notes: Mapping[str, str],
     tables: Sequence[Mapping[str, Any]],
 ) -> dict[str, str]:
     """Write `output` and the page next to it; return the faults of pictures: frame to sentence.
 
     `scenes`: records of each scene, one scene in memory. `stamp`: of the records, made from `runs`.
     `unit`: of the intervals. `success`: content of a row's `success.json`, by row. `failed`: scene
-    that could not be evaluated and is left out, to reason. `tables`: further tables.
+    that could not be evaluated and is left out, to reason. `notes`: subject to sentence, for
+    readers of the report. `tables`: further tables.
     """
     thresholds, sphere = config.symmetry_thresholds, config.sphere_threshold
     tally, choices = ReportTally(), {row: FrameChoice(row) for row in runs.paths}
@@ -54,6 +56,7 @@ def write_report_files(
     more: dict[str, Any] = {
         UNIT_ENTRY: unit,
         "failed": dict(failed),
+        "notes": dict(notes),
         "curves": report_curves(tally, thresholds, sphere),
     }
     if success:
@@ -88,5 +91,4 @@ def _add_success(
         "success_by_friction": ours.get("success", {}),
         "success_reasons": ours.get("reasons", {}),
         "success_baselines": others,
-        "success_notes": reports.incomplete_notes(success),
     }

@@ -162,12 +162,12 @@ def read_successes(paths: Sequence[Path], stamp: Stamp) -> dict[str, dict[str, A
 
 
 def incomplete_notes(simulated: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
-    """Return a note, by row, on rates that lack scenes; `simulated` is of `read_successes`."""
+    """Return a note for each row whose rates, as `read_successes` gives them, lack scenes."""
     notes = {}
     for row, content in simulated.items():
         if failed := mapping_in(content, "failed"):
             name, why = next(iter(failed.items()))
-            notes[row] = (
+            notes[f"success of {row}"] = (
                 f"the rates lack what failed in `simulate`, {len(failed)} of its scenes and "
                 f"models, for example {name}: {why}"
             )

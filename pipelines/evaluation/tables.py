@@ -128,8 +128,6 @@ def success_table(report: Mapping[str, Any]) -> Table:
             body.append((report_row(row).title, key, split, *rates))
     ours = report.get("success_by_friction", {}).get(ALL, {})
     note = f"First rows: {published.SOURCE_ROBOT}. {_success_note(ours)}."
-    for row, incomplete in report.get("success_notes", {}).items():
-        note += f" {report_row(row).title}: {incomplete}."
     title = "Table III. Success rate by symmetry of the grasped region, percent"
     header = ("method", "mu", "split", *SUCCESS_KINDS)
     return Table(title, header, tuple(body), note, len(published.SUCCESS_RATE), names=3)

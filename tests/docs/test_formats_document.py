@@ -227,7 +227,7 @@ def test_the_keys_of_comparisons_are_documented(tmp_path: Path) -> None:
 
 
 def test_the_keys_of_reports_on_dumps_are_documented(tmp_path: Path) -> None:
-    more = {"accuracy": {}, "scenes": {}, "failed": {}}
+    more = {"accuracy": {}, "scenes": {}, "failed": {}, "notes": {}}
     write_report(tmp_path / "x.json", {}, STAMP, protocol="graspnet", exact=False, **more)
     keys = keys_of(block("keys", "dump report"))
     assert set(json.loads((tmp_path / "x.json").read_text())) == keys

@@ -87,8 +87,8 @@ def test_rates_without_the_scenes_that_failed_are_noted(tmp_path: Path) -> None:
         write_success(tmp_path / "s.json", [], (0.5,), make_stamp("simulate", {}), failed)
         notes = incomplete_notes({"ours": read_success(tmp_path / "s.json")})
         assert ("failed" in read_success(tmp_path / "s.json")) == bool(failed)
-        assert list(notes) == ["ours"] * len(failed)
-    assert "scene_0100_realsense: its label is damaged" in notes["ours"]
+        assert list(notes) == ["success of ours"] * len(failed)
+    assert "scene_0100_realsense: its label is damaged" in notes["success of ours"]
 
 
 @pytest.mark.parametrize(

@@ -622,7 +622,7 @@ def test_other_grasps_for_another_gripper_are_refused_unless_a_gripper_is_named(
     named = replace(config, gripper="rg2")
     found = evaluate.run(truth_file, root.root, output, named, QUIET, others=[other]).notes
     assert found == {
-        f"gripper of {other}": f"the grasps were found for {theirs} and are evaluated with rg2"
+        "gripper of second": f"the grasps were found for {theirs} and are evaluated with rg2"
     }
 
 
@@ -632,7 +632,7 @@ def test_grasps_of_a_compared_method_in_place_of_ours_are_noted(root, tmp_path, 
     write_grasps(path, [true_result(root, name) for name in frame_names()], method)
     notes = run(path, root, tmp_path / "report.json").notes
     if method in ("gg-cnn", "symmetry-icp"):
-        assert f"those of `infer --method {method}`" in notes[f"method of {path}"]
+        assert f"those of `infer --method {method}`" in notes["method of ours"]
     else:
         assert notes == {}
 
@@ -641,9 +641,13 @@ def test_notes_on_the_method_and_on_the_gripper_do_not_hide_each_other(root, tmp
     path = tmp_path / "grasps.h5"
     write_grasps(path, [true_result(root, name) for name in frame_names()], "gg-cnn")
     config = EvaluateConfig(min_visible_pixels=100, gripper="franka")
-    notes = evaluate.run(path, root.root, tmp_path / "report.json", config, QUIET).notes
+    output = tmp_path / "report.json"
+    notes = evaluate.run(path, root.root, output, config, QUIET).notes
     assert any("those of `infer --method gg-cnn`" in note for note in notes.values())
     assert any("are evaluated with franka" in note for note in notes.values())
+    assert reports.read_report(output)["notes"] == notes
+    page = output.with_suffix(".html").read_text()
+    assert all(f"{name}: {note}" in page for name, note in notes.items())
 
 
 def test_a_gripper_of_another_name_with_the_same_measures_is_no_other_gripper(

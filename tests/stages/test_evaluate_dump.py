@@ -177,12 +177,16 @@ def test_a_scene_that_the_dump_lacks_is_noted_if_it_has_others_of_the_split(root
     copied = GraspNetRoot(shutil.copytree(root.root, tmp_path / "root"))
     shutil.copytree(copied.scene_folder(100), copied.scene_folder(101))
     shutil.rmtree(frame_file(dump, 160, 0).parents[1])
-    report = run(dump, copied, tmp_path / "r.json")
-    assert report.exit_code == 0
-    (name, sentence), *others = report.notes.items()
-    assert (name, others) == ("realsense, seen", [])
-    assert "1 of 2 scenes" in sentence
-    assert "scene_0101" in sentence
+    shutil.copy(frame_file(dump, 100, 0), frame_file(dump, 100, 9))  # not in the dataset
+    for _ in range(2):  # the second run finds all scenes finished
+        notes = run(dump, copied, tmp_path / "r.json").notes
+        assert list(notes) == ["realsense, seen", "scene_0100_realsense"]
+        assert "1 of 2 scenes" in notes["realsense, seen"]
+        assert "scene_0101" in notes["realsense, seen"]
+        assert "left out 1 dumped frame" in notes["scene_0100_realsense"]
+    assert reports.read_report(tmp_path / "r.json")["notes"] == notes
+    page = (tmp_path / "r.html").read_text()
+    assert all(f"{name}: {note}" in page for name, note in notes.items())
 
 
 def test_an_unreadable_frame_is_not_taken_for_one_that_a_stride_left_out(root, dump, tmp_path):

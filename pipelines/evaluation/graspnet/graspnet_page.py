@@ -5,7 +5,12 @@ from typing import Any
 
 from pipelines.evaluation.graspnet.graspnet_figures import dump_tables, percent, scene_table
 from pipelines.evaluation.pages.charts import LineChart, Series
-from pipelines.evaluation.pages.report_page import REASON_COLORS, TEMPLATES, provenance_table
+from pipelines.evaluation.pages.report_page import (
+    REASON_COLORS,
+    TEMPLATES,
+    listed_notes,
+    provenance_table,
+)
 from pipelines.evaluation.tallies import ALL
 from pipelines.metrics.graspnet.graspnet_ap import RANKS
 from pipelines.metrics.graspnet.graspnet_frames import DUMP_REASONS
@@ -35,6 +40,7 @@ def dump_page(report: Mapping[str, Any], name: str, faults: Mapping[str, str]) -
         TEMPLATES / "dump.html",
         title=f"{name}: GraspNet's AP, {how}",
         tiles=_tiles(report["rows"]),
+        notes=listed_notes(report),
         precision=precision,
         faults=[f"{scene}: {sentence}" for scene, sentence in faults.items()],
         charts=list(_charts(report["accuracy"])),

@@ -43,6 +43,7 @@ def report_page(report: Mapping[str, Any], gallery: Gallery) -> str:
         TEMPLATES / "report.html",
         title=f"SymGrasp: {frames}, {objects}",
         tiles=_tiles(report),
+        notes=listed_notes(report),
         sections=report_sections(report),
         charts={"Grasps": [*_held_charts(report)], "Symmetries": [*_symmetry_charts(report)]},
         bars=[
@@ -53,6 +54,11 @@ def report_page(report: Mapping[str, Any], gallery: Gallery) -> str:
         gallery=gallery,
         provenance=provenance_table(report),
     )
+
+
+def listed_notes(report: Mapping[str, Any]) -> list[str]:
+    """Return the notes of a report as a list; earlier reports have none."""
+    return [f"{subject}: {note}" for subject, note in report.get("notes", {}).items()]
 
 
 def provenance_table(report: Mapping[str, Any]) -> Table:

@@ -58,7 +58,7 @@ from pipelines.grasp_files.gripper_files import (
 )
 from pipelines.runtime.batch import StageReport
 from pipelines.runtime.one_run import one_run_at_a_time
-from pipelines.storage.files import atomic_folder
+from pipelines.storage.files import atomic_folder, remove_file
 from pipelines.storage.provenance import (
     Stamp,
     digest,
@@ -237,7 +237,7 @@ def _write_frames(
 def _write_file(output: Path, stamp: Stamp, write: Callable[[Path], None]) -> None:
     has_sidecar = output.suffix == ".csv"  # a JSON file contains its stamp
     if has_sidecar:  # a stamp must never be next to another file
-        sidecar_of(output).unlink(missing_ok=True)
+        remove_file(sidecar_of(output))
     write(output)
     if has_sidecar:
         write_sidecar(output, stamp)

@@ -32,6 +32,7 @@ from pipelines.storage.files import (
     make_folder,
     real_path,
     refuse_file_as_folder,
+    remove_file,
     within,
 )
 from pipelines.storage.provenance import is_finished, make_stamp
@@ -164,10 +165,10 @@ def _place(source: Path, target: Path, *, link: bool) -> None:
     """Copy or link `source` to `target`, atomically."""
     if link:
         make_folder(target.parent)
-        target.unlink(missing_ok=True)
+        remove_file(target)
         target.symlink_to(real_path(source))
         return
-    target.unlink(missing_ok=True)  # writing through a link of an earlier run would change `source`
+    remove_file(target)  # writing through a link of an earlier run would change `source`
     with atomic_path(target) as temporary:
         shutil.copyfile(source, temporary)
 

@@ -16,6 +16,7 @@ from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_stream import read_index
 from pipelines.inference.infer_run import STAGE, InferRun, inputs_of
 from pipelines.runtime.batch import WorkItem, warn_of_removed
+from pipelines.storage.files import remove_file
 from pipelines.storage.provenance import Stamp, read_stamp
 
 
@@ -29,7 +30,7 @@ def finished_items(run: InferRun, items: Sequence[WorkItem], *, overwrite: bool)
     if not overwrite:
         warn_of_removed(others)
     for part in others:
-        part.unlink()
+        remove_file(part)
     return finished
 
 

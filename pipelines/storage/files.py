@@ -32,9 +32,21 @@ def make_folder(path: Path) -> None:
 
     Raises:
         SymgraspError: one of them is a file.
+        WriteError: there is no space, or the folder above may not be written.
     """
     refuse_file_as_folder(path)
-    path.mkdir(parents=True, exist_ok=True)
+    with _write_errors_named(path, NO_SPACE | NOT_ALLOWED):
+        path.mkdir(parents=True, exist_ok=True)
+
+
+def remove_file(path: Path) -> None:
+    """Remove the file `path`, if it exists.
+
+    Raises:
+        WriteError: its folder may not be written.
+    """
+    with _write_errors_named(path, NOT_ALLOWED):
+        path.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -100,7 +112,7 @@ def remove_folder(path: Path, *patterns: str) -> None:
         return
     for pattern in patterns:
         for file in path.glob(pattern):
-            file.unlink()
+            remove_file(file)
 
 
 def _holds_working_folder(path: Path) -> bool:

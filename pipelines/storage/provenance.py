@@ -16,7 +16,14 @@ import h5py
 
 from pipelines.contents import json_object
 from pipelines.errors import FormatError, StaleOutputError, SymgraspError, ValueRangeError
-from pipelines.storage.files import make_folder, open_safetensors, read_json, real_path, write_json
+from pipelines.storage.files import (
+    make_folder,
+    open_safetensors,
+    read_json,
+    real_path,
+    remove_file,
+    write_json,
+)
 from pipelines.storage.h5_columns import attribute
 from pipelines.storage.h5_files import open_h5
 
@@ -143,15 +150,15 @@ def stamp_ahead(target: Path, stamp: Stamp) -> None:
     The stamp is written first: a file without a stamp counts as another program's. An earlier
     `target` is removed before: a run killed in between would leave it under the wrong stamp.
     """
-    target.unlink(missing_ok=True)
+    remove_file(target)
     make_folder(target.parent)
     write_sidecar(target, stamp)
 
 
 def remove_stamped(target: Path) -> None:
     """Remove the file `target`, if it exists, and its sidecar."""
-    target.unlink(missing_ok=True)
-    sidecar_of(target).unlink(missing_ok=True)
+    remove_file(target)
+    remove_file(sidecar_of(target))
 
 
 def refuse_other_suffix(output: Path, suffix: str) -> None:

@@ -1,6 +1,8 @@
 """Stamps: an output is finished if it was made with the settings and inputs of this run."""
 
+import errno
 import os
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -8,7 +10,7 @@ import pytest
 from safetensors.numpy import save_file
 
 from pipelines.configs import RefineGraspsConfig
-from pipelines.errors import StaleOutputError, SymgraspError
+from pipelines.errors import StaleOutputError, SymgraspError, WriteError
 from pipelines.pictures.grasp_page.page import index_page
 from pipelines.storage.files import write_json
 from pipelines.storage.provenance import (
@@ -18,6 +20,7 @@ from pipelines.storage.provenance import (
     make_stamp,
     read_stamp,
     refuse_foreign,
+    stamp_ahead,
     write_sidecar,
 )
 
@@ -143,3 +146,15 @@ def test_outputs_of_another_version_are_reused_and_reported_once(tmp_path, caplo
 def test_the_digest_of_a_pipe_does_not_wait_for_its_end(tmp_path):
     os.mkfifo(tmp_path / "x.pcd")
     assert digest(tmp_path / "x.pcd") == "no plain file"
+
+
+@pytest.mark.parametrize("refused", ["unlink", "mkdir"])
+def test_a_stamp_in_a_folder_that_may_not_be_written_is_no_fault_of_an_item(
+    refused, tmp_path, monkeypatch
+):
+    def refuse(path, **_options):
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
+
+    monkeypatch.setattr(Path, refused, refuse)
+    with pytest.raises(WriteError, match=f"^{tmp_path}/new.* cannot be written"):
+        stamp_ahead(tmp_path / "new" / "model.npz", STAMP)

@@ -82,6 +82,7 @@ TO_FOLDER: dict[str, tuple[FrameWriter, str, str]] = {
 }
 STAMP_FILE = Path("provenance.json")  # in a folder
 TO_FILE: dict[str, FileWriter] = {"json": grasp_json.write, "csv": grasp_csv.write}
+FILE_SUFFIXES = {".json", ".csv", *(suffix for _, _, suffix in TO_FOLDER.values())}
 
 
 @one_run_at_a_time(STAGE, "output")
@@ -141,9 +142,14 @@ def run(
 
 def _check_kind(output: Path, to: str) -> None:
     if to in TO_FILE and (output.suffix != f".{to}" or output.is_dir()):
-        raise SymgraspError(f"{output} must be one file; let --out end in .{to}")
-    if to in TO_FOLDER and output.is_file():
+        raise ValueRangeError("--out", output, f"one file whose name ends in .{to}")
+    if to not in TO_FOLDER:
+        return
+    if output.is_file():
         raise SymgraspError(f"{output} is a file; {to} is written as a folder, choose another")
+    if output.suffix.lower() in FILE_SUFFIXES and not output.is_dir():
+        expected = f"the name of a folder: --to {to} writes a folder; --to json and csv one file"
+        raise ValueRangeError("--out", output, expected)
 
 
 def _check_options(output: Path, config: ExportConfig, *, in_base: bool) -> None:

@@ -413,14 +413,22 @@ def test_the_stamp_of_one_table_is_never_left_with_another(grasps, tmp_path, mon
 
 
 def test_files_and_folders_are_not_taken_for_each_other(grasps, tmp_path):
-    with pytest.raises(SymgraspError, match=r"end in \.json"):
+    with pytest.raises(SymgraspError, match=r"ends in \.json"):
         run(grasps, tmp_path / "out", to="json")
     run(grasps, tmp_path / "x.json", to="json")
     with pytest.raises(SymgraspError, match="written as a folder"):
         export.run(grasps, tmp_path / "x.json", ExportConfig(to="ros-json"), overwrite=True)
     (tmp_path / "y.csv").mkdir()
-    with pytest.raises(SymgraspError, match=r"end in \.csv"):
+    with pytest.raises(SymgraspError, match=r"ends in \.csv"):
         run(grasps, tmp_path / "y.csv", to="csv")
+
+
+@pytest.mark.parametrize(("to", "name"), [("graspnet", "g.json"), ("ros-json", "poses.JSON")])
+def test_a_folder_is_not_named_like_a_file(to, name, grasps, tmp_path):
+    with pytest.raises(SymgraspError, match=f"--to {to} writes a folder") as refused:
+        run(grasps, tmp_path / name, to=to)
+    assert refused.value.exit_code == 2
+    assert not (tmp_path / name).exists()
 
 
 @pytest.mark.parametrize("to", OUTPUTS)

@@ -18,7 +18,7 @@ import numpy as np
 
 from pipelines.array_types import Mask
 from pipelines.configs import InferConfig, LimitsConfig, WorkspaceConfig
-from pipelines.errors import SymgraspError, counted
+from pipelines.errors import SymgraspError, ValueRangeError, counted
 from pipelines.frames.frames import find_frames
 from pipelines.frames.rgbd import FrameSource
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
@@ -80,6 +80,9 @@ def run(
     """
     started, found = time.monotonic(), Workspaces()
     check_limits(LimitsConfig(box=config.box, box_frame=config.box_frame))
+    if not config.box and config.box_frame != WorkspaceConfig.box_frame:
+        expected = "left out without a box of --workspace"
+        raise ValueRangeError("--workspace-frame", config.box_frame, expected)
     sources = find_frames(frames, stated)
     sources = sources[: config.max_frames]
     stamp = make_stamp(STAGE, config, inputs=_inputs(sources, stated))

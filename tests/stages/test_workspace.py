@@ -46,6 +46,13 @@ def test_infer_takes_the_printed_box_and_keeps_every_region(found):
     assert len(planned(box=box, box_frame=frame).regions) == len(planned().regions) > 0
 
 
+def test_a_frame_for_the_box_is_refused_without_a_box(tmp_path):
+    config = WorkspaceConfig(box_frame="camera")
+    with pytest.raises(SymgraspError, match="--workspace-frame is camera") as refused:
+        workspace.run(FRAMES, tmp_path / "out", config)
+    assert refused.value.exit_code == 2
+
+
 def test_the_picture_is_dark_outside_and_the_mask_is_black(found):
     folder, _ = found
     picture, mask = (read_image(folder / f"table_1{end}.png") for end in ("", "_mask"))

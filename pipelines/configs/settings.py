@@ -176,7 +176,7 @@ class _Change:
         last = self.name.rsplit(".", maxsplit=1)[-1]
         nearest = [name for name in everywhere if name.rsplit(".", maxsplit=1)[-1] == last]
         nearest = nearest or difflib.get_close_matches(self.name, everywhere, 1)
-        nearest = nearest or difflib.get_close_matches(last, everywhere, 1, cutoff=0.4)
+        nearest = nearest or difflib.get_close_matches(last, everywhere, 1)
         return UnknownNameError(
             f"{self.where}setting", self.name, types_of(type(table)), *nearest[:1]
         )

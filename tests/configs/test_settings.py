@@ -107,6 +107,11 @@ def test_a_misspelt_setting_is_refused_with_the_nearest_name_and_all_known_names
         from_settings(InferConfig, {name: 1})
 
 
+def test_no_name_is_called_the_nearest_of_a_setting_unlike_all_others():
+    with pytest.raises(UnknownNameError, match=r"'top' is not known; known are.*max_grasps"):
+        from_settings(InferConfig, {"top": 3})
+
+
 @pytest.mark.parametrize(
     ("settings", "expected"),
     [

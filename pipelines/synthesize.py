@@ -118,9 +118,8 @@ def _check(config: SynthesizeConfig, models: Path | None, output: Path) -> None:
                 "--scenes-per-split", config.scenes_per_split, f"at most {most} for {split}"
             )
         if models and PLACE_OF_SPLIT[split] != 0:
-            raise ValueRangeError(
-                "--split", split, "train or seen with --models, which is one pool"
-            )
+            given, expected = ",".join(config.splits), "train, seen or both with --models"
+            raise ValueRangeError("--split", given, f"{expected}, which is one pool of objects")
     most = MAX_OBJECTS // len(POOLS_OF_FAMILIES[config.families])
     if config.objects_per_pool > most:
         raise ValueRangeError("--objects", config.objects_per_pool, f"at most {most} a pool")

@@ -105,6 +105,14 @@ def test_a_root_is_not_made_of_its_own_models(meshes, tmp_path, inside):
     assert content(root) == before
 
 
+def test_meshes_without_a_split_are_refused_with_all_splits_of_the_default(meshes, tmp_path):
+    result = CliRunner().invoke(
+        app, ["synthesize", str(tmp_path / "root"), "--models", str(meshes)]
+    )
+    assert result.exit_code == 2
+    assert "--split is train,seen,similar,novel; it must be train, seen or both" in result.stderr
+
+
 def test_the_list_of_objects_grows_with_the_splits(tmp_path):
     both, one_by_one = tmp_path / "both", tmp_path / "one"
     make(both, config=replace(CONFIG, splits=("train", "novel")))

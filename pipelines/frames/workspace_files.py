@@ -10,7 +10,7 @@ from pipelines.errors import FormatError, ValueRangeError
 from pipelines.storage.files import is_file
 from pipelines.storage.images import read_image
 
-FORMS = "x0,y0,z0,x1,y1,z1 in metres, or a mask picture's path"
+FORMS = "x0,y0,z0,x1,y1,z1 in metres, or the path of an existing mask picture"
 
 
 def parse_workspace(text: str | None) -> tuple[tuple[float, ...], Path | None]:

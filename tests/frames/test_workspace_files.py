@@ -20,7 +20,7 @@ def test_six_numbers_give_a_box_a_file_gives_a_mask_and_no_value_gives_no_limit(
 
 @pytest.mark.parametrize("text", ["", "no.png", "1,2,3", "1,2,3,4,5,6,7", 300 * "1"])
 def test_anything_else_is_refused_with_both_forms(text):
-    with pytest.raises(ValueRangeError, match=r"x0,y0,z0,x1,y1,z1.*mask"):
+    with pytest.raises(ValueRangeError, match=r"x0,y0,z0,x1,y1,z1.*path of an existing mask"):
         parse_workspace(text)
 
 

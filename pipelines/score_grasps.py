@@ -38,9 +38,7 @@ from pipelines.storage.provenance import digest, is_finished, make_stamp, refuse
 STAGE = "score-grasps"
 NAMED_FAULTS = 5
 ROUNDING = 1e-6  # metres; openings beyond the limit by less are equal to it
-CLIPPED = (
-    "{count} openings above {width:g} m were clipped; --clip-width states the gripper's widest one"
-)
+CLIPPED = "clipped to {width:g} m: {count}; --clip-width states the gripper's widest opening"
 UNSURE = "is not closed; near its holes the distance grid and the verdicts are unreliable"
 
 
@@ -82,7 +80,8 @@ def run(
     report.notes[output.name] = _summary(verdicts)
     wider = np.count_nonzero(given.rows[:, RowColumn.WIDTH] > config.clip_width + ROUNDING)
     if wider:
-        report.notes[grasps.name] = CLIPPED.format(count=wider, width=config.clip_width)
+        count = counted(int(wider), "opening")
+        report.notes[grasps.name] = CLIPPED.format(count=count, width=config.clip_width)
     unsure = config.compatible and not with_grid and not mesh.is_watertight
     if turned or unsure:
         report.notes[model.name] = "; ".join(filter(None, (turned, UNSURE if unsure else "")))
@@ -147,6 +146,7 @@ def _summary(verdicts: dict[str, NDArray[np.generic]]) -> str:
     held = verdicts["min_friction_grid"].astype(np.float64) > 0.0
     free = ~verdicts["collision"].astype(bool)
     return (
-        f"{counted(len(found), 'grasp')}, {found.sum()} touch with both fingers, {held.sum()} hold "
-        f"at a friction of the grid, {(held & free).sum()} of them without collision"
+        f"{counted(len(found), 'grasp')}, {found.sum()} with contact of both fingers, {held.sum()} "
+        "in force closure at a friction of the grid, "
+        f"{(held & free).sum()} of them without collision"
     )

@@ -20,10 +20,10 @@ SEEDED = ("simulate",)  # stages where the seed affects all rows: it cuts models
 
 def frame_notes(runs: Sequence[EvaluatedRun], paired: int) -> list[str]:
     """Return sentences on the `paired` frames that all `runs` have, and on the frames left out."""
-    notes = [f"Compared: {counted(paired, 'frame')} in all {len(runs)} runs."]
+    notes = [f"The {len(runs)} runs are compared on {counted(paired, 'frame')} that all contain."]
     return notes + [
-        f"Left out: {len(run.frames) - paired} of {counted(len(run.frames), 'frame')} of "
-        f"{run.name}, not in every run."
+        f"{run.name}: {len(run.frames) - paired} of {counted(len(run.frames), 'frame')} left out, "
+        "which not all runs contain."
         for run in runs
         if len(run.frames) > paired
     ]

@@ -189,9 +189,9 @@ def dropped_instances(observation: Observation) -> str:
     """Return a sentence on the instances of the user's masks that are too small, if any are."""
     if not observation.too_small:
         return ""
-    all_instances = counted(len(observation.regions) + observation.too_small, "instance")
+    total = len(observation.regions) + observation.too_small
     return (
-        f"dropped {observation.too_small} of {all_instances} of the masks as too small; "
+        f"{observation.too_small} of {total} instances of the masks were dropped as too small; "
         f"an instance needs {observation.min_region_pixels} pixels"
     )
 
@@ -215,15 +215,15 @@ def _why_none_graspable(observation: Observation) -> str:
         measured = f"too little depth was measured in {counted(len(clouds), 'region')}"
         return f"{measured}; a region needs {MIN_POINTS} points"
     if not clouds and observation.improbable:
-        improbable = counted(observation.improbable, "region")
-        return f"the detector rates {improbable} too low for an object; see min_rating"
+        rated = counted(observation.improbable, "region")
+        return f"the detector rates {rated} as no object; see min_rating"
     if not clouds:
         return "nothing stands out from its support; is an object within reach of the camera?"
     inside = len(observation.in_workspace()[0])
     if not inside:
         place = _place_of_regions(observation)
         return f"none of {counted(len(clouds), 'region')} is in the workspace; {place}"
-    regions = counted(inside, "region")
+    none = f"none of {counted(inside, 'region')}"
     if limits is not None:
-        return f"none of {regions} in the workspace has a grasp within the given limits"
-    return f"none of {regions} has a grasp that the gripper reaches without collision"
+        return f"{none} in the workspace has a grasp within the given limits"
+    return f"{none} has a grasp that the gripper reaches without collision"

@@ -103,7 +103,7 @@ def test_a_frame_of_improbable_regions_alone_says_so():
     planner = Planner(PLANAR, load_gripper("rg2"), Detector([], rate=lambda box: 0.0))
     result = planner.plan(FRAME, np.random.default_rng(0))
     assert (result.status, len(result.regions)) == ("empty", 0)
-    assert "rates 2 regions too low for an object; see min_rating" in result.message
+    assert "rates 2 regions as no object; see min_rating" in result.message
 
 
 def test_masks_of_the_user_are_not_rated():

@@ -138,8 +138,8 @@ def test_frames_of_only_one_run_are_left_out_and_reported(tmp_path):
     paths = [write_run(tmp_path / "a", frames=5), write_run(tmp_path / "b", frames=3)]
     found = compare.run(paths, CONFIG)
     assert figure(found, "grasp_quality").frames == 6
-    assert found.notes[0].startswith("Compared: 6 frames in all 2 runs")
-    assert found.notes[1].startswith("Left out: 4 of 10 frames of a")
+    assert found.notes[0].startswith("The 2 runs are compared on 6 frames")
+    assert found.notes[1] == "a: 4 of 10 frames left out, which not all runs contain."
 
 
 def test_whole_scenes_are_drawn_unless_frames_are_requested(tmp_path):
@@ -338,7 +338,7 @@ def test_dumps_are_compared_by_graspnets_ap(tmp_path):
     assert {figure.metric for figure in found.figures} == {"ap", "ap_0.8", "ap_0.4"}
     assert figure(found, "ap_0.4").differences[0].value == pytest.approx(0.1)
     assert figure(found, "ap").frames == 12
-    assert found.notes == ["Compared: 12 frames in all 2 runs."]
+    assert found.notes == ["The 2 runs are compared on 12 frames that all contain."]
     one_camera = compare.run(paths, CompareConfig(row="kinect", resamples=10))
     assert figure(one_camera, "ap").frames == 6
 

@@ -116,7 +116,10 @@ def test_openings_beyond_the_clip_width_are_named(mesh_path):
     assert "rows.npy" not in run(mesh_path, rows)[0].notes
     rows[:2, 1] = 0.12, 0.11
     note = run(mesh_path, rows, overwrite=True)[0].notes["rows.npy"]
-    assert "2 openings above 0.1 m were clipped; --clip-width" in note
+    assert "clipped to 0.1 m: 2 openings; --clip-width" in note
+    rows[1, 1] = 0.05
+    note = run(mesh_path, rows, overwrite=True)[0].notes["rows.npy"]
+    assert "clipped to 0.1 m: 1 opening; --clip-width" in note
 
 
 @pytest.mark.parametrize("compatible", [False, True])

@@ -26,7 +26,7 @@ class ChosenFrames:
 
     def __post_init__(self) -> None:
         if self.split is not None and self.split not in SPLITS:
-            raise UnknownNameError("split", self.split, SPLITS)
+            raise UnknownNameError("split", self.split, (*SPLITS, "all"))
         if self.camera is not None and self.camera not in CAMERAS:
             raise UnknownNameError("camera", self.camera, CAMERAS)
         if self.stride < 1:

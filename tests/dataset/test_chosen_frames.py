@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from pipelines.dataset.chosen_frames import ChosenFrames
-from pipelines.errors import SymgraspError
+from pipelines.errors import SymgraspError, UnknownNameError
 from pipelines.frames.frames import find_frames
 from tests.frames.layouts import build
 
@@ -32,6 +32,11 @@ def test_a_split_and_a_camera_are_chosen(root: Path) -> None:
     ]
     assert len(chosen(root, split="train")) == 2 * build.COUNT
     assert len(chosen(root / "scenes/scene_0131/kinect", split="similar")) == build.COUNT
+
+
+def test_an_unknown_split_is_refused_with_all_names_that_options_take() -> None:
+    with pytest.raises(UnknownNameError, match="known are all, novel, seen, similar, train"):
+        ChosenFrames("sen")
 
 
 def test_scenes_numbered_from_1000_are_in_their_split(root: Path) -> None:

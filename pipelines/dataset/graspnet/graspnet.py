@@ -66,7 +66,7 @@ class GraspNetRoot:
         if split is None:
             return scenes
         if split not in SPLITS:
-            raise UnknownNameError("split", split, SPLITS)
+            raise UnknownNameError("split", split, (*SPLITS, "all"))
         return [scene for scene in scenes if scene % BLOCK in SPLITS[split]]
 
     def cameras(self, scene_id: int) -> list[str]:

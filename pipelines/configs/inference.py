@@ -47,8 +47,8 @@ class InferConfig:
 
     regions: RegionSource = choice(
         "auto",
-        "Source of regions: the detector, depth (geometric), or auto, the detector's regions "
-        "completed from depth.",
+        "Source of regions: auto, the detector, completed from depth and colour; detector, the "
+        "detector alone; geometric, depth alone.",
         "D. 19",
     )
     method: Method = choice(

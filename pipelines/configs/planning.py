@@ -202,7 +202,10 @@ class LimitsConfig:
         fewest=0,
     )
     box_frame: ReferenceFrame = choice(
-        "camera", "Frame of the box; table: z up from it, its origin nearest to the camera.", ROBOT
+        "camera",
+        "Frame of the box: camera; or table: z up from the table, origin at its point nearest to "
+        "the camera.",
+        ROBOT,
     )
     approach_cone: float = setting(
         180.0, "deg", "Largest angle between approach axis and approach direction.", ROBOT

@@ -187,7 +187,11 @@ def _items(
         if result.status == "failed" or result.intrinsics is None:
             failed[result.name] = f"infer failed on it ({result.message}); it has no page"
         elif source is None:
-            failed[result.name] = "its images do not exist any more; give --frames, their folder"
+            failed[result.name] = (
+                "its images do not exist any more; give --frames, their folder"
+                if paths.frames is None
+                else f"{paths.frames} has no frame {result.name}; give the folder that infer read"
+            )
         else:
             inputs = dict(whole.inputs) | {"grasps": result_digest(result)}
             for number, path in enumerate(source.files):

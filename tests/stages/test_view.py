@@ -151,6 +151,7 @@ def test_grasps_of_images_of_another_size_are_refused(grasps, tmp_path):
     write_json(half / "one/a_camera.json", facts)
     report = run(grasps, tmp_path / "out", frames=half)
     assert "is 160x120, but its grasps are of 320x240" in report.failed["one/a"]
+    assert report.failed["two/c"] == f"{half} has no frame two/c; give the folder that infer read"
 
 
 def test_a_second_run_skips_pages_and_makes_only_changed_frames_again(grasps, tmp_path):

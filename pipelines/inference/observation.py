@@ -189,9 +189,9 @@ def dropped_instances(observation: Observation) -> str:
     """Return a sentence on the instances of the user's masks that are too small, if any are."""
     if not observation.too_small:
         return ""
-    total = len(observation.regions) + observation.too_small
+    all_instances = counted(len(observation.regions) + observation.too_small, "instance")
     return (
-        f"{observation.too_small} of {total} instances of the masks were dropped as too small; "
+        f"dropped {observation.too_small} of {all_instances} of the masks as too small; "
         f"an instance needs {observation.min_region_pixels} pixels"
     )
 

@@ -36,6 +36,7 @@ from pipelines.frames.stated_units import check_units, units_in
 from pipelines.geometry.camera import Intrinsics
 from pipelines.storage.array_files import read_npy
 from pipelines.storage.files import is_file, read_json
+from pipelines.storage.provenance import FileVersion
 
 # Suffixes of files with keys.
 MAPPINGS = (".json", ".intr", ".yml", ".yaml", ".txt", ".csv", ".xml")
@@ -207,7 +208,7 @@ def _content(path: Path, frame: str) -> Any:  # noqa: ANN401 - JSON
     """Return the content of a file with keys, or the part of it that is on this frame."""
     match path.suffix.lower():
         case ".yml" if path.name == SIXD_INDEX and is_file(path):
-            scene = _sixd_scene(path, path.stat().st_mtime_ns)
+            scene = _scene_cameras(FileVersion.of(path))
             is_scene = isinstance(scene, dict) and not states_a_camera(with_camera(scene))
             return _camera_of(path, scene, frame) if is_scene else scene
         case ".yml" | ".yaml":
@@ -216,10 +217,15 @@ def _content(path: Path, frame: str) -> Any:  # noqa: ANN401 - JSON
             return read_camera_text(path)
         case ".xml":
             return read_camera_xml(path)
-    content = read_json(path)
-    if path.name.startswith("scene_camera") and isinstance(content, dict):
-        return _camera_of(path, content, frame)
-    return content
+    if not path.name.startswith("scene_camera"):
+        return read_json(path)
+    content = _scene_cameras(FileVersion.of(path))
+    return _camera_of(path, content, frame) if isinstance(content, dict) else content
+
+
+@lru_cache(maxsize=4)  # one file holds the cameras of all images of a scene
+def _scene_cameras(file: FileVersion) -> Any:  # noqa: ANN401 - JSON or YAML
+    return read_json(file.path) if file.path.suffix == ".json" else read_yaml(file.path)
 
 
 def camera_from_mapping(path: Path, content: Any, view: str = "") -> CameraFile:  # noqa: ANN401
@@ -261,11 +267,6 @@ def may_hold_camera(path: Path) -> bool:
     except (SymgraspError, OSError):
         return True
     return isinstance(content, dict) and states_a_camera(with_camera(content))
-
-
-@lru_cache(maxsize=1)  # of a thousand cameras, YAML takes some seconds
-def _sixd_scene(path: Path, _changed: int) -> Any:  # noqa: ANN401 - YAML
-    return read_yaml(path)
 
 
 def _camera_of(path: Path, scene: dict[str, Any], frame: str) -> Any:  # noqa: ANN401 - JSON

@@ -3,6 +3,7 @@
 import re
 from collections import Counter
 from collections.abc import Container, Iterator
+from functools import lru_cache
 from pathlib import Path
 
 from pipelines.errors import SymgraspError
@@ -116,19 +117,32 @@ def _may_be_a_box(path: Path) -> bool:
 
 def where_a_camera_may_be(image: Path) -> str:
     """Return advice for the user on an image without a known camera."""
+    folders = (image.parent, image.parent.parent)
+    return _advice(*((folder, _last_change(folder)) for folder in folders))
+
+
+@lru_cache(maxsize=64)  # all frames of a folder may lack a camera, and each would search all files
+def _advice(*folders: tuple[Path, int]) -> str:
     advice = "give --intrinsics fx,fy,cx,cy"
-    folders = [image.parent, image.parent.parent]
-    found = [path for folder in folders for path, _camera in cameras_in(folder)]
+    found = [path for folder, _changed in folders for path, _camera in cameras_in(folder)]
     if len(found) == 1:
         return f"{advice}, or --intrinsics {found[0]}, which holds a camera"
     if found:
         names = " and ".join(map(str, found[:MOST_NAMED]))
         which = "that of the depth image, or of the colour it is registered to"
         return f"{advice}, or as --intrinsics one of {names}: {which}"
-    others = [path.name for folder in folders for path in _small_files(folder, NAMED)]
+    others = [path.name for folder, _changed in folders for path in _small_files(folder, NAMED)]
     unread = f"; no camera was found in {', '.join(others[:MOST_NAMED])}" if others else ""
     known = "*_camera.json, intrinsics.json, cam_K.txt, ..."
     return f"{advice}, or put a camera file ({known}) next to it{unread}"
+
+
+def _last_change(folder: Path) -> int:
+    """Return when a file was last added to `folder`, in nanoseconds; 0 if there is no folder."""
+    try:
+        return folder.stat().st_mtime_ns
+    except OSError:
+        return 0
 
 
 def _small_files(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:

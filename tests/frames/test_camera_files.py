@@ -130,6 +130,19 @@ def test_the_cameras_of_a_sixd_scene_are_read_once(
     assert reads == [path]
 
 
+def test_the_cameras_of_a_bop_scene_are_read_once_for_all_frames(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, reads = tmp_path / "scene_camera.json", []
+    path.write_text(json.dumps({str(i): {"cam_K": ROWS} for i in range(9)}))
+    read = camera_files.read_json
+    monkeypatch.setattr(camera_files, "read_json", lambda path: reads.append(path) or read(path))
+    assert {read_camera_file(path, f"{i:06d}").fx for i in range(9)} == {FOUR[0]}
+    assert len(reads) == 1
+    path.write_text(json.dumps({"0": {"cam_K": ROWS, "depth_scale": 0.1}}))  # a new file counts
+    assert read_camera_file(path, "000000").units_per_metre == 10000.0
+
+
 def test_a_frames_own_camera_comes_before_the_folders(tmp_path: Path) -> None:
     for name in ("camera.json", "x_camera.json"):
         (tmp_path / name).write_text(json.dumps(NAMED))

@@ -57,6 +57,24 @@ def test_files_one_folder_up_that_hold_no_camera_are_named(tmp_path: Path) -> No
     assert "no camera was found in calibration.toml" in refusal(tmp_path)
 
 
+def test_many_frames_without_a_camera_list_their_folder_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in "0123":
+        build.pair(tmp_path / f"{name}_color.png", tmp_path / f"{name}_depth.png", 0)
+    frames, listed = find_frames(tmp_path), []
+    list_folder = Path.iterdir
+    monkeypatch.setattr(Path, "iterdir", lambda path: listed.append(path) or list_folder(path))
+    for counts in ([1, 0, 0, 0], [1, 0, 0, 0]):
+        for frame, count in zip(frames, counts, strict=True):
+            listed.clear()
+            with pytest.raises(FormatError, match="no intrinsics are known"):
+                frame.read()
+            assert (tmp_path in listed) == count
+        (tmp_path / "notes.txt").write_text("a new file, which the advice names")
+    assert "no camera was found in notes.txt" in refusal(tmp_path)
+
+
 @pytest.mark.parametrize("name", ["0.json", "0_color.json"])
 @pytest.mark.parametrize("labels", [{"shapes": []}, [1, 2], {"picture": "x" * MOST_BYTES, "fx": 1}])
 def test_labels_beside_a_frame_do_not_hide_the_folders_camera(

@@ -21,13 +21,22 @@ from pipelines.errors import (
     counted,
     error_sentence,
 )
-from pipelines.runtime.clusters import CLUSTERS, check_backend, workers_of
+from pipelines.runtime.clusters import (
+    CLUSTERS,
+    WorkerEndedError,
+    check_backend,
+    one_by_one,
+    workers_of,
+)
 from pipelines.runtime.progress import with_progress
 from pipelines.storage.provenance import Stamp, is_finished, remove_stamped
 
 log = logging.getLogger(__name__)
 
 CHOSEN = 0  # value of `workers`
+SUSPECTS = 2  # items per worker that are done one by one after a worker was killed
+WORKER_ENDED = "its process was ended from outside, most likely for lack of memory"
+Outcome = tuple[str | None, str | None]  # the note of an item, and the sentence of its failure
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,9 +130,10 @@ def run_batch(
     """Run `step` on every unfinished item, in `threads` if given.
 
     An error in `step` fails its item alone: errors other than `SymgraspError` and `OSError` are
-    called unforeseen, and `--verbose` shows their origin. A `WriteError` (no space or no permission
-    to write) and an `ImportError` (a faulty installation) end the batch. `step` may return a note
-    for the report; with several workers it must be picklable.
+    called unforeseen, and `--verbose` shows their origin. So does the end of its worker process, as
+    for lack of memory. A `WriteError` (no space or no permission to write) and an `ImportError` (a
+    faulty installation) end the batch. `step` may return a note for the report; with several
+    workers it must be picklable.
 
     Raises:
         UnknownNameError: no such backend.
@@ -204,23 +214,40 @@ def _outcomes(
     step: Callable[[WorkItem], str | None],
     options: BatchOptions,
     threads: Executor | None,
-) -> Iterable[tuple[str | None, str | None]]:
-    results: Iterator[tuple[str | None, str | None]]
+) -> Iterable[Outcome]:
+    results: Iterator[Outcome]
     if not todo:
         return
-    options = options.for_items(len(todo))
+    options, attempt = options.for_items(len(todo)), partial(_attempt, step)
     if threads is not None or options.is_here:
-        results = (threads.map if threads else map)(partial(_attempt, step), todo)
-        yield from with_progress(results, stage, len(todo)) if options.progress else results
-        return
-    with workers_of(options.backend, max(1, options.workers)) as run:
-        results = run(delayed(_attempt)(step, item) for item in todo)
-        yield from with_progress(results, stage, len(todo)) if options.progress else results
+        results = (threads.map if threads else map)(attempt, todo)
+    else:
+        results = _outcomes_of_workers(todo, attempt, options)
+    yield from with_progress(results, stage, len(todo)) if options.progress else results
 
 
-def _attempt(
-    step: Callable[[WorkItem], str | None], item: WorkItem
-) -> tuple[str | None, str | None]:
+def _outcomes_of_workers(
+    todo: Sequence[WorkItem], attempt: Callable[[WorkItem], Outcome], options: BatchOptions
+) -> Iterator[Outcome]:
+    """Yield the outcomes in order; an item whose worker is killed fails alone.
+
+    Nobody knows which item's worker was killed, so the next ones are done one by one.
+    """
+    done, workers = 0, max(1, options.workers)
+    while done < len(todo):
+        try:
+            with workers_of(options.backend, workers) as run:
+                for outcome in run(delayed(attempt)(item) for item in todo[done:]):
+                    done += 1
+                    yield outcome
+        except WorkerEndedError:
+            log.warning("a worker process was ended from outside, most likely for lack of memory")
+            for found in one_by_one(attempt, todo[done : done + SUSPECTS * workers]):
+                done += 1
+                yield found or (None, WORKER_ENDED)
+
+
+def _attempt(step: Callable[[WorkItem], str | None], item: WorkItem) -> Outcome:
     """Return (note, None), or (None, the sentence of the failure)."""
     try:
         return step(item), None

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from importlib import import_module
 from multiprocessing.dummy import DummyProcess
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeVar
 
 from joblib import Parallel, parallel_config
 from joblib.externals.loky import get_reusable_executor, process_executor, reusable_executor
@@ -31,12 +31,25 @@ from pipelines.runtime.ray_watch import ended_with_owner
 from pipelines.storage.temporary import is_running
 
 RunTasks = Callable[[Iterable[Any]], Iterator[Any]]  # tasks of joblib's `delayed` to their results
+T = TypeVar("T")
+R = TypeVar("R")
 BACKENDS = ("loky", "threading", "dask", "ray")
 CLUSTERS = ("dask", "ray")
 # Ray hides the GPUs from tasks that reserve none, as joblib's tasks do; --device chooses the GPU.
 SEE_ALL_GPUS = {"RAY_EXPERIMENTAL_NOSET_CUDA_VISIBLE_DEVICES": "1"}
 LONGEST_ITEM = 60.0  # seconds to wait for an item of an interrupted batch
 TUNABLES, HUGE_PAGES = "GLIBC_TUNABLES", "glibc.malloc.hugetlb=1"
+
+
+class WorkerEndedError(SymgraspError):
+    """The operating system, or another program, has ended a worker process."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "a worker process was ended from outside, most likely for lack of memory; "
+            "give fewer --workers, the same command continues from here"
+        )
+        self.arguments = ()
 
 
 def check_backend(backend: str) -> None:
@@ -53,8 +66,8 @@ def workers_of(backend: str, workers: int) -> Iterator[RunTasks]:
 
     Raises:
         UnknownNameError: no such backend.
-        SymgraspError: the backend is not installed, its scheduler does not answer, or a worker
-            was killed.
+        SymgraspError: the backend is not installed, or its scheduler does not answer.
+        WorkerEndedError: a worker of this machine was killed.
     """
     check_backend(backend)
     others = set(threading.enumerate())
@@ -67,19 +80,34 @@ def workers_of(backend: str, workers: int) -> Iterator[RunTasks]:
     else:
         try:
             remove_joblib_folders(lambda process: not is_running(process))
-            begin = {"initializer": _begin_worker, "initargs": (os.getpid(),)}
-            with (
-                _huge_pages(),
-                parallel_config(backend, n_jobs=workers, **(begin if backend == "loky" else {})),
-            ):
+            begin = _beginning() if backend == "loky" else {}
+            with _huge_pages(), parallel_config(backend, n_jobs=workers, **begin):
                 yield _parallel_run(return_as="generator")
         except TerminatedWorkerError as error:
-            raise SymgraspError(
-                "a worker process was ended from outside, most likely for lack of memory; "
-                "give fewer --workers, the same command continues from here"
-            ) from error
+            raise WorkerEndedError from error
         finally:
             _await_threads(set(threading.enumerate()) - others)
+
+
+def one_by_one(step: Callable[[T], R], items: Iterable[T]) -> Iterator[R | None]:
+    """Yield the result of `step` on each of `items`, one at a time in a process of this machine.
+
+    None for an item whose process was killed, which ends no other item.
+    """
+    try:
+        for item in items:
+            with _huge_pages(), ctrl_c_put_off():
+                result = get_reusable_executor(1, **_beginning()).submit(step, item)
+            try:
+                yield result.result()
+            except TerminatedWorkerError:
+                yield None
+    finally:
+        end_workers()  # joblib cannot use an executor that it has not made
+
+
+def _beginning() -> dict[str, Any]:
+    return {"initializer": _begin_worker, "initargs": (os.getpid(),)}
 
 
 def _begin_worker(parent: int) -> None:

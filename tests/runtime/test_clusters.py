@@ -12,6 +12,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+from joblib import delayed
 from joblib.externals.loky import process_executor
 
 from pipelines.configs import InferConfig
@@ -103,15 +104,35 @@ def test_the_memory_of_loaded_networks_is_not_taken_for_a_leak(batches):
         assert [each["leak"] for each in reports] == ["inf"] * 2
 
 
-def end_itself(item):
-    write_json(item.target, {"provenance": item.stamp.as_json()})
+def end_itself_if_bad(item):
+    if item.name == "bad":
+        os.kill(os.getpid(), signal.SIGKILL)
+    write_process(item)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no such signal")
+def test_an_item_whose_worker_is_killed_fails_alone(tmp_path, caplog):
+    work = items(tmp_path, ["a", "b", "bad", *"cdefgh"])
+    report = run_batch("toy", work, end_itself_if_bad, replace(QUIET, workers=2))
+    assert report.done == list("abcdefgh")
+    assert "bad" in report.failed
+    assert "ended from outside, most likely for lack of memory" in report.failed["bad"]
+    assert "a worker process was ended" in caplog.text
+    assert os.getpid() not in {read_json(tmp_path / f"{name}.json")["process"] for name in "abcd"}
+    end_workers()
+
+
+def end_itself(number):
     os.kill(os.getpid(), signal.SIGKILL)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no such signal")
-def test_a_worker_that_is_killed_is_reported_in_one_sentence(tmp_path):
-    with pytest.raises(SymgraspError, match=r"a worker process was ended.*fewer --workers"):
-        run_batch("toy", items(tmp_path, ["a", "b"]), end_itself, replace(QUIET, workers=2))
+def test_a_worker_that_is_killed_while_it_loads_is_reported_in_one_sentence(tmp_path):
+    with (
+        pytest.raises(SymgraspError, match=r"a worker process was ended.*fewer --workers"),
+        workers_of("loky", 2) as run,
+    ):
+        list(run(delayed(end_itself)(number) for number in range(2)))
     work = items(tmp_path / "after", ["a", "b"])  # new workers do the next batch
     assert run_batch("toy", work, write_process, replace(QUIET, workers=2)).done == ["a", "b"]
     end_workers()

@@ -126,3 +126,24 @@ def test_a_command_ends_without_a_last_garbage_collection():
     )
     assert ended.returncode == 0
     assert int(ended.stdout.split("frozen ")[1]) > 0
+
+
+@pytest.mark.parametrize("closed", [(0,), (1,), (2,), (0, 1, 2)])
+def test_closed_standard_streams_are_open_for_workers_and_no_file_takes_their_place(
+    tmp_path, closed
+):
+    """A service manager or another program may close them."""
+    look = (
+        "import os, subprocess, sys; from symgrasp_cli.main import open_closed_streams; "
+        f"[os.close(number) for number in {closed}]; "
+        "names = ('stdin', 'stdout', 'stderr'); "
+        f"[setattr(sys, names[number], None) for number in {closed}]; "  # as Python starts then
+        "open_closed_streams(); "
+        "seen = subprocess.run([sys.executable, '-c', 'import sys; assert all((sys.stdin, "
+        "sys.stdout, sys.stderr))'], check=False).returncode; "
+        "sys.stdout.flush(); sys.stderr.flush(); "
+        "file = open(sys.argv[1], 'w'); file.write(f'{seen} {file.fileno() > 2}'); file.close()"
+    )
+    found = tmp_path / "found"
+    subprocess.run([sys.executable, "-c", look, str(found)], check=False, timeout=60)
+    assert found.read_text() == "0 True"

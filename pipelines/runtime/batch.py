@@ -36,7 +36,7 @@ log = logging.getLogger(__name__)
 CHOSEN = 0  # value of `workers`
 SUSPECTS = 2  # items per worker that are done one by one after a worker was killed
 WORKER_ENDED = "its process was ended from outside, most likely for lack of memory"
-Outcome = tuple[str | None, str | None]  # the note of an item, and the sentence of its failure
+Attempted = tuple[str | None, str | None]  # the note of an item, and the sentence of its failure
 
 
 @dataclasses.dataclass(frozen=True)
@@ -214,8 +214,8 @@ def _outcomes(
     step: Callable[[WorkItem], str | None],
     options: BatchOptions,
     threads: Executor | None,
-) -> Iterable[Outcome]:
-    results: Iterator[Outcome]
+) -> Iterable[Attempted]:
+    results: Iterator[Attempted]
     if not todo:
         return
     options, attempt = options.for_items(len(todo)), partial(_attempt, step)
@@ -227,8 +227,8 @@ def _outcomes(
 
 
 def _outcomes_of_workers(
-    todo: Sequence[WorkItem], attempt: Callable[[WorkItem], Outcome], options: BatchOptions
-) -> Iterator[Outcome]:
+    todo: Sequence[WorkItem], attempt: Callable[[WorkItem], Attempted], options: BatchOptions
+) -> Iterator[Attempted]:
     """Yield the outcomes in order; an item whose worker is killed fails alone.
 
     Nobody knows which item's worker was killed, so the next ones are done one by one.
@@ -247,7 +247,7 @@ def _outcomes_of_workers(
                 yield found or (None, WORKER_ENDED)
 
 
-def _attempt(step: Callable[[WorkItem], str | None], item: WorkItem) -> Outcome:
+def _attempt(step: Callable[[WorkItem], str | None], item: WorkItem) -> Attempted:
     """Return (note, None), or (None, the sentence of the failure)."""
     try:
         return step(item), None

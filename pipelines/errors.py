@@ -1,6 +1,7 @@
 """Errors that a user can fix: each says what, where, and what would be right."""
 
 import difflib
+import errno
 import os
 import re
 import sys
@@ -12,6 +13,7 @@ from typing import Any
 # Bytes that are not UTF-8, which file names may contain; characters that move a terminal's cursor
 # or end a line; characters that change the direction of writing.
 UNPRINTABLE = re.compile("[\ud800-\udfff\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
+NO_SPACE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 
 def printable(text: str) -> str:
@@ -26,6 +28,8 @@ def counted(count: int, noun: str) -> str:
 
 def error_sentence(error: Exception) -> str:
     """Return the sentence of a `SymgraspError`, or of the system's error about a file."""
+    if isinstance(error, OSError) and not error.filename and error.errno in NO_SPACE:
+        return f"a file cannot be written ({error.strerror})"
     if isinstance(error, OSError) and error.filename and error.strerror:
         name = os.fsdecode(error.filename) if not isinstance(error.filename, int) else "a file"
         return printable(f"{name} cannot be read or written ({error.strerror})")

@@ -1,5 +1,6 @@
 """Sentences of errors: one line, without characters that move a terminal's cursor."""
 
+import errno
 import logging
 import pickle
 
@@ -29,6 +30,8 @@ def test_an_error_of_the_system_names_the_file_and_the_reason() -> None:
     error = PermissionError(13, "Permission denied", "a\x1b/b.json")
     assert error_sentence(error) == "a%1B/b.json cannot be read or written (Permission denied)"
     assert error_sentence(OSError("no file")) == "no file"
+    full = OSError(errno.ENOSPC, "No space left on device")  # as Python's streams raise it
+    assert error_sentence(full) == "a file cannot be written (No space left on device)"
     assert error_sentence(FormatError("a", "b", "c")) == "a: b; c"
 
 

@@ -12,10 +12,9 @@ from typing import Any
 
 from pipelines.contents import MAX_JSON_BYTES, json_value
 from pipelines.ending import remove_temporary
-from pipelines.errors import FormatError, MissingInputError, SymgraspError, WriteError
+from pipelines.errors import NO_SPACE, FormatError, MissingInputError, SymgraspError, WriteError
 from pipelines.storage.temporary import new_temporary
 
-NO_SPACE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 NOT_ALLOWED = {errno.EROFS, errno.EACCES, errno.EPERM}
 LONGEST_NAME = 255  # bytes of a file name that file systems accept
 

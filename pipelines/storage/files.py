@@ -26,6 +26,12 @@ def refuse_file_as_folder(path: Path) -> None:
         raise SymgraspError(f"{nearest} is a file; name a folder, or a new one, for the output")
 
 
+def refuse_folder_as_file(path: Path) -> None:
+    """Raise SymgraspError if `path` is a folder, before the work whose result it cannot hold."""
+    if path.is_dir():
+        raise SymgraspError(f"{path} is a folder; name a file, or a new one, for the output")
+
+
 def make_folder(path: Path) -> None:
     """Make the folder `path` and those above it, if they do not exist.
 

@@ -21,6 +21,7 @@ from pipelines.storage.files import (
     open_safetensors,
     read_json,
     real_path,
+    refuse_folder_as_file,
     remove_file,
     write_json,
 )
@@ -162,11 +163,15 @@ def remove_stamped(target: Path) -> None:
 
 
 def refuse_other_suffix(output: Path, suffix: str) -> None:
-    """Raise ValueRangeError if `--out` does not end in `suffix`.
+    """Raise ValueRangeError if the file `--out` does not end in `suffix`.
 
     The place of an output's stamp follows from the suffix; with another suffix the stamp would not
     be found again.
+
+    Raises:
+        SymgraspError: `output` is a folder.
     """
+    refuse_folder_as_file(output)
     if output.suffix != suffix:
         raise ValueRangeError("--out", output, f"a file name that ends in {suffix}")
 

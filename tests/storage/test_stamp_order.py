@@ -5,9 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipelines.errors import ValueRangeError
+from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.grasp_files import grasp_rows
 from pipelines.grasp_files.grasp_rows import VERDICT_ARRAYS, write_verdicts
+from pipelines.learning.loop.runs import RunRequest, find_progress
 from pipelines.storage.array_files import read_npz
 from pipelines.storage.provenance import (
     is_finished,
@@ -58,3 +59,13 @@ def test_an_output_suffix_for_which_no_stamp_would_be_found_is_wrong_usage() -> 
         with pytest.raises(ValueRangeError, match=r"--out is .*ends in \.json") as refused:
             refuse_other_suffix(Path(name), ".json")
         assert refused.value.exit_code == 2
+
+
+def test_a_folder_in_place_of_an_output_file_is_refused_before_the_work(tmp_path: Path) -> None:
+    for name in ("a.json", "a.safetensors"):
+        (tmp_path / name).mkdir()
+    with pytest.raises(SymgraspError, match=r"a.json is a folder; name a file"):
+        refuse_other_suffix(tmp_path / "a.json", ".json")
+    request = RunRequest(overwrite=True)  # which must not train until there are weights
+    with pytest.raises(SymgraspError, match=r"a.safetensors is a folder; name a file"):
+        find_progress(tmp_path / "a.safetensors", OLD, request)

@@ -9,6 +9,7 @@ from typing import Any
 from pipelines.contents import reading, typed
 from pipelines.errors import FormatError, SymgraspError, ValueRangeError, counted
 from pipelines.storage.checkpoints import load_training
+from pipelines.storage.files import refuse_folder_as_file
 from pipelines.storage.provenance import COMPARED, Stamp, read_stamp, warn_of_other_version
 
 log = logging.getLogger(__name__)
@@ -116,12 +117,13 @@ def find_progress(output: Path, stamp: Stamp, request: RunRequest) -> Progress |
 
     Raises:
         ValueRangeError: `output` has another ending than .safetensors.
-        SymgraspError: there is an earlier run and neither --resume nor --overwrite is given, or
+        SymgraspError: `output` is a folder, there is an earlier run and neither --resume nor --overwrite is given, or
             the earlier run had other settings and cannot be resumed.
         FormatError: the checkpoint is damaged, and --overwrite is not given.
     """
     if output.suffix != ".safetensors":
         raise ValueRangeError("--out", output, "NAME.safetensors")
+    refuse_folder_as_file(output)
     checkpoint = file_of_run(output, CHECKPOINT)
     if not (checkpoint.exists() or output.exists()):
         return None

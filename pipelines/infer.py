@@ -21,7 +21,7 @@ from pipelines.errors import StaleOutputError
 from pipelines.frames.deeper_frames import warn_of_deeper_frames
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.grasp_files import grasps_file
-from pipelines.grasp_files.grasps_stream import read_results
+from pipelines.grasp_files.grasps_stream import read_index, read_results
 from pipelines.inference.earlier_runs import (
     earlier_frames,
     finished_items,
@@ -36,7 +36,7 @@ from pipelines.inference.frame_workers import load_in_workers, options_for_frame
 from pipelines.inference.infer_run import STAGE, InferRun, infer_frame, overlay_path
 from pipelines.inference.pictures import draw_missing, results_of_output
 from pipelines.inference.run_settings import InferPaths, RunSettings, check_config
-from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.runtime.batch import PASSING, BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import refuse_file_as_folder
 from pipelines.storage.provenance import is_finished
@@ -112,20 +112,24 @@ def _make(run: InferRun, items: Sequence[WorkItem], options: BatchOptions) -> St
     report.skipped += finished
     if not options.dry_run:
         run.assemble(items, report.failed)
-        grasps_file.remove_parts(run.output)
+        if PASSING.isdisjoint(report.failed.values()):  # else the next run continues from the parts
+            grasps_file.remove_parts(run.output)
     return report
 
 
 def _is_complete(run: InferRun, items: Sequence[WorkItem]) -> bool:
     """Return whether the output is complete: that of `items`.
 
-    A run of `infer --watch`, which leaves its parts, may have ended before more frames arrived.
+    A run of `infer --watch`, which leaves its parts, may have ended before more frames arrived; and
+    frames that lacked memory are tried again.
 
     Raises:
         StaleOutputError: the settings or inputs differ; no image is read to compare settings.
         SymgraspError: the output is one of `infer --watch`, with frames that exist nowhere else.
     """
     refuse_other_settings(run)
+    if not PASSING.isdisjoint(read_index(run.output).messages):
+        return False
     try:
         return is_finished(run.output, run.output_stamp(items))
     except StaleOutputError:

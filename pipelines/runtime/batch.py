@@ -36,6 +36,8 @@ log = logging.getLogger(__name__)
 CHOSEN = 0  # value of `workers`
 SUSPECTS = 2  # items per worker that are done one by one after a worker was killed
 WORKER_ENDED = "its process was ended from outside, most likely for lack of memory"
+NO_MEMORY = "there is not enough memory for it; give fewer --workers"
+PASSING = {WORKER_ENDED, NO_MEMORY}  # failures that need not happen again
 Attempted = tuple[str | None, str | None]  # the note of an item, and the sentence of its failure
 
 
@@ -261,5 +263,7 @@ def failure_sentence(error: Exception) -> str:
     """Return the sentence of an error that fails an item."""
     if isinstance(error, SymgraspError | OSError):
         return error_sentence(error)
+    if isinstance(error, MemoryError):
+        return NO_MEMORY
     log.info("unforeseen", exc_info=error)
     return f"unforeseen {type(error).__name__} ({reason(error)}); please report it with --verbose"

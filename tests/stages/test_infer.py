@@ -213,6 +213,27 @@ def test_a_killed_run_goes_on_where_it_stopped_and_ends_with_the_same_bytes(fram
     assert output.read_bytes() == (tmp_path / "whole.h5").read_bytes()
 
 
+def test_frames_that_lacked_memory_are_tried_again_and_the_bytes_are_the_same(
+    frames, tmp_path, monkeypatch
+):
+    def without_memory(item, settings):
+        if item.name == "b":
+            raise MemoryError
+        return infer_frame(item, settings)
+
+    infer_frame, output = infer.infer_frame, tmp_path / "g.h5"
+    monkeypatch.setattr(infer, "infer_frame", without_memory)
+    report = run(frames, output)
+    assert report.done == ["a", "c"]
+    assert "not enough memory" in report.failed["b"]
+    monkeypatch.undo()
+    report = run(frames, output)
+    assert (report.done, sorted(report.skipped), report.failed) == (["b"], ["a", "c"], {})
+    assert not grasps_file.parts_folder(output).exists()
+    run(frames, tmp_path / "whole.h5")
+    assert output.read_bytes() == (tmp_path / "whole.h5").read_bytes()
+
+
 @pytest.mark.parametrize("overwrite", [False, True])
 def test_parts_of_other_settings_are_made_again_with_a_warning(frames, tmp_path, caplog, overwrite):
     output = tmp_path / "g.h5"

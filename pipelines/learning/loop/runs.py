@@ -117,8 +117,8 @@ def find_progress(output: Path, stamp: Stamp, request: RunRequest) -> Progress |
 
     Raises:
         ValueRangeError: `output` has another ending than .safetensors.
-        SymgraspError: `output` is a folder, there is an earlier run and neither --resume nor --overwrite is given, or
-            the earlier run had other settings and cannot be resumed.
+        SymgraspError: `output` is a folder, there is an earlier run and neither --resume nor
+            --overwrite is given, or the earlier run had other settings and cannot be resumed.
         FormatError: the checkpoint is damaged, and --overwrite is not given.
     """
     if output.suffix != ".safetensors":

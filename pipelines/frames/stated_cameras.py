@@ -14,7 +14,8 @@ SYNONYMS = {
 SKEW_KEYS = ("skew", "_skew")
 MATRIX_KEYS = ("cam_K", "K", "k", "intrinsic_matrix", "intrinsics_matrix", "camera_matrix",
                "Camera_Matrix", "cameraMatrix", "INTRINSICS", "intrinsics", "intrinsic",
-               "mtx", "P", "projection_matrix")  # fmt: skip
+               "mtx")  # fmt: skip
+PROJECTION_KEYS = ("P", "projection_matrix")  # ROS's; next to fx, of a renderer or a pose
 # Keys of one number for both axes, or of two. Fewer pixels than the least are a lens's millimetres.
 FOCAL_KEYS, CENTER_KEYS = ("focal_length", "focalLength", "f"), ("principal_point",)
 SHORTEST_IN_PIXELS = 100.0
@@ -102,7 +103,9 @@ def states_a_camera(content: dict[str, Any]) -> bool:
 
 def stated_matrix(content: dict[str, Any]) -> list[Any] | dict[str, Any] | None:
     """Return the list of a matrix, or the mapping with its `data`; `{"fx": ...}` is none."""
-    stated = (content.get(key) for key in MATRIX_KEYS)
+    has_lengths = first_stated(content, SYNONYMS["fx"]) is not None
+    keys = MATRIX_KEYS if has_lengths else (*MATRIX_KEYS, *PROJECTION_KEYS)
+    stated = (content.get(key) for key in keys)
     return next((m for m in stated if isinstance(m, list) or "data" in _mapping(m)), None)
 
 

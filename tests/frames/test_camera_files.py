@@ -316,3 +316,13 @@ def test_the_camera_of_an_image_that_was_not_turned_is_refused(size: tuple[int, 
         lying.at(width, height)
     cut = CameraFile(600.0, 600.0, 0.35 * width, 0.62 * height)
     assert cut.at(width, height).cx == 0.35 * width
+
+
+@pytest.mark.parametrize("key", ["P", "projection_matrix"])
+@pytest.mark.parametrize("stated", [[0.1, 0.2], np.diag([1.8, 2.5, -1.0, 0.0]).tolist()])
+def test_a_projection_next_to_focal_lengths_is_none_of_a_camera(
+    tmp_path: Path, key: str, stated: list[object]
+) -> None:
+    path = tmp_path / "camera.json"
+    path.write_text(json.dumps({"fx": 60.0, "fy": 61.0, "cx": 31.5, "cy": 23.5, key: stated}))
+    assert read_camera_file(path).fx == 60.0

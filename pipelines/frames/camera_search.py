@@ -47,6 +47,7 @@ FOUR_NUMBERS = re.compile(r"\s*(?:[\d.eE+-]+[\s,;]+){3}[\d.eE+-]+\s*")
 MOST_FILES = 20  # of one suffix in a folder; more files are poses or labels, one per frame
 MOST_BYTES = 100_000
 MOST_NAMED = 3  # files in a sentence
+MILLIMETRES = 1000.0  # per metre, unless a file states another unit
 SHORTEST, LEAST_CENTER = 10.0, 1.0  # pixels; the numbers of a pose are smaller
 
 
@@ -89,7 +90,8 @@ def shared_camera_file(folder: Path, view: str = "") -> Path | None:
     if usual is not None:
         return usual
     found = list(cameras_in(folder, view))
-    if view:
+    units = {round(camera.units_per_metre or MILLIMETRES) for _path, camera in found}
+    if view and len(units) == 1:  # else the unit of the depth may be in the other camera's file
         found = [each for each in found if names_view(each[0].stem, view)] or found
     lenses = {(camera.fx, camera.fy, camera.cx, camera.cy) for _path, camera in found}
     return found[0][0] if len(lenses) == 1 else None

@@ -4,6 +4,7 @@ from typing import Any
 
 from pipelines.frames.image_names import names_view
 from pipelines.frames.stated_sizes import first_stated
+from pipelines.frames.stated_units import DEPTH_KEYS
 
 SYNONYMS = {
     "fx": ("fx", "_fx", "fl_x"),
@@ -34,9 +35,15 @@ def with_camera(content: dict[str, Any], view: str = "") -> dict[str, Any]:
     if states_a_camera(content):
         return content
     below = cameras_below(content)
+    # The camera of the depth may state the unit, though that of the colour counts.
+    units = {
+        key: content[name][key] for name in below for key in DEPTH_KEYS if key in content[name]
+    }
     if len(below) > 1 and view:
         below = [key for key in below if names_view(key, view)]
-    return {**content, **_in_usual_keys(content[below[0]])} if len(below) == 1 else content
+    if len(below) != 1:
+        return content
+    return {**content, **units, **_in_usual_keys(content[below[0]])}
 
 
 def _in_usual_keys(content: dict[str, Any]) -> dict[str, Any]:
@@ -57,11 +64,8 @@ def _rendered(content: dict[str, Any]) -> dict[str, Any]:
     match [content.get(key) for key in keys]:
         case [[int(width), int(height)], [int() | float() as seen, _], int() | float() as length]:
             numbers = _numbers([width, height, seen, length])
-            if (
-                len(numbers) == 4
-                and seen > 0
-                and content.get("cameraModel", "pinhole") == "pinhole"
-            ):
+            is_pinhole = content.get("cameraModel", "pinhole") == "pinhole"
+            if is_pinhole and len(numbers) == 4 and seen > 0:
                 lengths = dict.fromkeys(("fx", "fy"), width * length / seen)
                 center = {"cx": (width - 1) / 2, "cy": (height - 1) / 2}
                 return lengths | center | {"width": width, "height": height}

@@ -122,3 +122,24 @@ def test_of_two_cameras_the_one_whose_view_the_images_have_is_taken(
         return
     with pytest.raises(FormatError, match="--intrinsics"):
         source.read()
+
+
+def test_the_unit_in_the_camera_of_the_depth_counts_for_aligned_depth(
+    tmp_path: Path, save: Save
+) -> None:
+    save(tmp_path / "0_color.png", tmp_path / "0_aligned_depth.png", None)
+    write_cameras(tmp_path, "cameras.json", "cameras.json")
+    cameras = json.loads((tmp_path / "cameras.json").read_text())
+    cameras["depth"]["depth_scale"] = 0.0005
+    (tmp_path / "cameras.json").write_text(json.dumps(cameras))
+    frame = find_frames(tmp_path)[0].read()
+    assert (frame.intrinsics.fx, frame.units_per_metre) == (60.0, 2000.0)
+
+
+def test_camera_files_of_two_views_with_two_units_are_refused(tmp_path: Path, save: Save) -> None:
+    save(tmp_path / "0_color.png", tmp_path / "0_aligned_depth.png", None)
+    write_cameras(tmp_path, "color_lens.json", "depth_lens.json")
+    of_depth = json.loads((tmp_path / "depth_lens.json").read_text())
+    (tmp_path / "depth_lens.json").write_text(json.dumps(of_depth | {"depth_scale": 0.0005}))
+    with pytest.raises(FormatError, match=r"color_lens\.json and .*depth_lens\.json"):
+        find_frames(tmp_path)[0].read()

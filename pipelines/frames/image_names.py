@@ -88,13 +88,15 @@ def of_one_view(colors: list[Path], depths: list[Path]) -> tuple[list[Path], lis
 def view_of(color: Path, depth: Path) -> str:
     """Return the camera whose view both images have, `color` or `depth`; "" if no name tells.
 
-    The names of the files count, and those of their folders if these are two.
+    The names of the files count, and those of their folders if these are two. If both are aligned,
+    it may be to a third camera.
     """
+    views = []
     for pattern, path, view in ((ALIGNED_DEPTH, depth, "color"), (ALIGNED_COLOR, color, "depth")):
         names = (path.stem, path.parent.name if color.parent != depth.parent else "")
         if any(map(pattern.search, names)):
-            return view
-    return ""
+            views.append(view)
+    return views[0] if len(views) == 1 else ""
 
 
 def names_view(name: str, view: str) -> bool:

@@ -104,6 +104,7 @@ def write_cameras(folder: Path, color: str, depth: str) -> None:
         ("color/0.png", "aligned_depth_to_color/0.png", 60.0),
         ("0_transformed_color.png", "0_depth.png", 50.0),
         ("0_color.png", "0_depth.png", None),
+        ("0_aligned_color.png", "0_aligned_depth.png", None),
     ],
 )
 def test_of_two_cameras_the_one_whose_view_the_images_have_is_taken(

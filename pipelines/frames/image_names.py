@@ -70,7 +70,7 @@ def _plain(stem: str) -> str:
 
 
 def without_weak_word(stem: str) -> str:
-    """Return `stem` without a word that images of any kind have, such as the 0 of image_0."""
+    """Return `stem` without a word that images of any kind have: the 0 of image_0."""
     found = WEAK.fullmatch(stem)
     return stem if found is None else found[1] or found[2] or ""
 
@@ -78,8 +78,10 @@ def without_weak_word(stem: str) -> str:
 def of_one_view(colors: list[Path], depths: list[Path]) -> tuple[list[Path], list[Path]]:
     """Return the images of one camera's view: aligned depth with raw colour, else the reverse.
 
-    Raw depth next to aligned depth has another view than the colour.
+    Raw depth next to aligned depth has another view than the colour; a depth map next to depth may
+    be a picture of it.
     """
+    depths = [path for path in depths if not OTHER_DEPTH.search(path.stem)] or depths
     if aligned := [path for path in depths if ALIGNED_DEPTH.search(path.stem)]:
         return [path for path in colors if not ALIGNED_COLOR.search(path.stem)] or colors, aligned
     return [path for path in colors if ALIGNED_COLOR.search(path.stem)] or colors, depths

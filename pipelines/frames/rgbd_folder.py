@@ -27,7 +27,7 @@ COLOR_FOLDERS = ("rgb", "color", "image", "images", "gray", "colors", "rgbs")
 DEPTH_FOLDERS = ("depth", "depths", "distance_to_image_plane")
 # Rests of the names of arrays that hold facts about the images, such as depth_scale.npy.
 FACTS = re.compile("(camera[-_.])?((?i:matrix|params|scale|units?|(in|ex)trinsics?)|K)")
-FURTHER = re.compile(r"(.+?)((?:[-_.][a-zA-Z]+)+)")
+FURTHER = re.compile(r"(.+?)((?:[-_.][a-zA-Z]+)+)")  # 1-gt, the rest of depth1-gt.png
 ImageFiles = dict[str, list[Path]]  # by the rest of the name; the first file is taken
 
 
@@ -133,7 +133,7 @@ def flat_pairs(folder: Path) -> list[ImagePair]:
         if stem in depths or without_word(stem, ("depth",)) is None
     }
     others = _others_by_stem(files)
-    colors |= {stem: [others[stem]] for stem in depths if stem not in colors and stem in others}
+    colors |= {stem: others[stem] for stem in depths if stem not in colors and stem in others}
     whole = colors.keys() & depths.keys()
     pairs = _paired(colors, depths)
     return [pair for pair in pairs if pair.is_whole or not _is_further(pair, whole)]
@@ -148,16 +148,18 @@ def _is_further(lone: ImagePair, whole: Container[str]) -> bool:
     return further[1] in whole and image.stem.endswith(further[2])
 
 
-def _others_by_stem(files: Sequence[Path]) -> dict[str, Path]:
-    """Map names without a weak word, and then whole names, to images without a word of their own.
+def _others_by_stem(files: Sequence[Path]) -> ImageFiles:
+    """Map names without a weak word, else whole names, to the images without a word of their own.
 
     Such an image is the colour of a depth image for which there is no better one.
     """
-    images = [path for path in files if path.suffix.lower() in COLOR_SUFFIXES]
-    images = [path for path in images if not word_and_rest(path.stem)[0]]
-    return {path.stem: path for path in images} | {
-        without_weak_word(path.stem): path for path in reversed(images)
-    }
+    images = [path for path in files if not word_and_rest(path.stem)[0]]
+    whole = _by_stem(images, COLOR_SUFFIXES)
+    weak: ImageFiles = {}
+    for stem, paths in whole.items():
+        if (rest := without_weak_word(stem)) != stem:
+            weak.setdefault(rest, []).extend(paths)
+    return whole | weak
 
 
 def _is_fact(stem: str, depths: Sequence[Path]) -> bool:
@@ -231,17 +233,12 @@ def sister_pairs(folder: Path, suffix: str = "") -> list[ImagePair]:
 
 def _pairs_by_word(folder: Path) -> list[ImagePair]:
     """Pair the images of the only two folders that differ by a word, as `rgb_raw`, `depth_raw`."""
-    names = {path.name: path for path in folder.iterdir()}
-    colors, depths = (
-        {_without_any_word(name, words): path for name, path in names.items()}
-        for words in (WORDS_OF_COLOR, ("depth",))
-    )
-    both = colors.keys() & depths.keys() - {None}
-    both = {rest for rest in both if colors[rest].is_dir() and depths[rest].is_dir()}
-    if len(both) != 1:
+    folders = sorted(path for path in folder.iterdir() if path.is_dir())
+    colors, depths = (_without_any_word(folders, words) for words in (WORDS_OF_COLOR, ("depth",)))
+    alike = [(*colors[rest], *depths[rest]) for rest in colors.keys() & depths.keys()]
+    if len(alike) != 1 or len(alike[0]) != 2:
         return []
-    (rest,) = both
-    return _pairs_in(colors[rest], depths[rest])
+    return _pairs_in(*alike[0])
 
 
 def _pairs_in(color_folder: Path, depth_folder: Path) -> list[ImagePair]:
@@ -254,10 +251,15 @@ def _pairs_in(color_folder: Path, depth_folder: Path) -> list[ImagePair]:
     return _paired(colors, depths)
 
 
-def _without_any_word(name: str, words: tuple[str, ...]) -> str | None:
-    """Return `name` without the word at an end or between others; None if it is not of `words`."""
-    rest = without_word(name, words)
-    return without_inner_word(name, words) if rest is None else rest
+def _without_any_word(folders: Iterable[Path], words: tuple[str, ...]) -> ImageFiles:
+    """Map the rest of the names, without one of `words` at an end or between others, to folders."""
+    found: ImageFiles = {}
+    for path in folders:
+        rest = without_word(path.name, words)
+        rest = without_inner_word(path.name, words) if rest is None else rest
+        if rest is not None:
+            found.setdefault(rest, []).append(path)
+    return found
 
 
 def _without_words(files: ImageFiles, words: tuple[str, ...]) -> ImageFiles:

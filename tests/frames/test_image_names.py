@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from pipelines.errors import FormatError
 from pipelines.frames.frames import find_frames
 
 Save = Callable[..., None]
@@ -81,3 +82,51 @@ def test_of_several_pairs_of_folders_none_is_preferred(tmp_path: Path, save: Sav
         save(tmp_path / f"rgb_{side}/0.png", tmp_path / f"depth_{side}/0.png", None)
     with pytest.raises(Exception, match="are no pair by their names"):
         find_frames(tmp_path)
+
+
+def test_of_several_folders_of_colour_none_is_preferred(tmp_path: Path, save: Save) -> None:
+    save(tmp_path / "rgb_raw/0.png", tmp_path / "depth_raw/0.png", tmp_path / "camera.json")
+    save(tmp_path / "color_raw/0.png", None, None)
+    with pytest.raises(Exception, match="are no pair by their names"):
+        find_frames(tmp_path)
+
+
+@pytest.mark.parametrize("other", ["a_depth_map.png", "a_distance_to_image_plane.png"])
+@pytest.mark.parametrize("measured", ["a_depth.png", "a_depth.npy"])
+def test_depth_by_its_word_is_preferred_to_other_depth(
+    tmp_path: Path, save: Save, measured: str, other: str
+) -> None:
+    save(tmp_path / "a_color.png", tmp_path / measured, tmp_path / "camera.json")
+    cv2.imwrite(str(tmp_path / other), np.zeros((48, 64, 3), np.uint8))
+    (source,) = find_frames(tmp_path)
+    assert source.read().depth.any()
+
+
+def test_an_image_by_a_weak_word_is_preferred_to_one_without_a_word(
+    tmp_path: Path, save: Save
+) -> None:
+    save(tmp_path / "image_0.png", tmp_path / "depth_0.png", tmp_path / "camera.json")
+    cv2.imwrite(str(tmp_path / "0.png"), np.zeros((48, 64), np.uint8))
+    (source,) = find_frames(tmp_path)
+    assert source.files[0].name == "image_0.png"
+
+
+def test_of_several_images_by_weak_words_none_is_preferred(tmp_path: Path, save: Save) -> None:
+    save(tmp_path / "image_0.png", tmp_path / "depth_0.png", tmp_path / "camera.json")
+    save(tmp_path / "frame_0.png", None, None)
+    (source,) = find_frames(tmp_path)
+    with pytest.raises(FormatError, match="are one frame by their names"):
+        source.read()
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_a_picture_of_labels_is_not_taken_for_colour(
+    tmp_path: Path, save: Save, channels: int
+) -> None:
+    save(tmp_path / "a.png", tmp_path / "a_depth.png", tmp_path / "camera.json")
+    labels = np.zeros((48, 64, channels), np.uint8)
+    labels[9:20, 9:30] = 200
+    cv2.imwrite(str(tmp_path / "a.png"), labels)
+    (source,) = find_frames(tmp_path)
+    with pytest.raises(FormatError, match="has 2 colours, as a picture of labels"):
+        source.read()

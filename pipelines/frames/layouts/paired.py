@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipelines.errors import FormatError
 from pipelines.frames.camera_files import read_camera_file
 from pipelines.frames.camera_search import own_camera_file, shared_camera_file
 from pipelines.frames.layouts.layout import FoundFrame
-from pipelines.frames.rgbd import Frame
+from pipelines.frames.rgbd import DepthUnits, Frame
 from pipelines.frames.rgbd_folder import (
     FrameOptions,
     ImagePair,
@@ -24,6 +25,7 @@ from pipelines.frames.scale_files import read_scale, scale_file
 from pipelines.frames.unread_files import unread_partner
 
 SAME_CAMERA = 0.5  # pixels by which rounded intrinsics of one camera may differ
+MOST_LABELS, LABEL_STRIDE = 64, 3  # colours of a picture of labels, counted in each third pixel
 LONGEST_LOOK = 100_000  # bytes of a camera file that are searched for its key
 
 
@@ -102,9 +104,22 @@ def read_paired(
         _refuse_lone(pair)
     if camera is not None and options.camera is None:
         _refuse_two_cameras(camera, pair.depth)
-    if scale is None or not options.needs_units:
-        return read_with_camera(pair.color, pair.depth, camera, options)
-    return read_with_camera(pair.color, pair.depth, camera, options, read_scale(scale))
+    units = DepthUnits().integers
+    if scale is not None and options.needs_units:
+        units = read_scale(scale)
+    frame = read_with_camera(pair.color, pair.depth, camera, options, units)
+    if pair.color == pair.depth.with_name(f"{pair.stem}{pair.color.suffix}"):
+        _refuse_labels(pair.color, frame.color)
+    return frame
+
+
+def _refuse_labels(path: Path, image: NDArray[np.uint8]) -> None:
+    """Raise a FormatError if an `image` whose name says nothing has as few colours as labels."""
+    sample = image[::LABEL_STRIDE, ::LABEL_STRIDE].astype(np.uint32)
+    colors = len(np.unique(sample @ np.array([1 << 16, 1 << 8, 1], np.uint32)))
+    if colors <= MOST_LABELS:
+        found = f"has {colors} colours, as a picture of labels has"
+        raise FormatError(path, found, "name the colour image as x_color.png")
 
 
 def _refuse_lone(pair: ImagePair) -> NoReturn:

@@ -44,10 +44,6 @@ SIXD_INDEX = "info.yml"  # a camera for each image
 FORMS = "fx, fy, cx, cy or a 3x3 matrix (cam_K, K, intrinsic_matrix) is expected"
 # A principal point this near the border means intrinsics of another image size.
 CENTRAL = (0.1, 0.9)
-# Of the side: 58 real frames have at most 0.02, bundled frames, which are cut out, 0.102, and a
-# camera of 640x480 on images of 848x480 has 0.123.
-FAR_FROM_MIDDLE = 0.11
-MIDDLE = 0.05  # of the side: the principal point of an image that was not cut out
 # Least focal length, in sides of the image. Below it, the camera would see more than 175 degrees,
 # which no pinhole camera does: the number is in other units, such as the lens's millimetres.
 SHORTEST_LENGTH = 0.02
@@ -92,12 +88,6 @@ class CameraFile:
         if not (low < self.cx / width < high and low < self.cy / height < high):
             found = f"has its principal point at ({self.cx:g}, {self.cy:g}) of a {size} depth image"
             raise FormatError(self.origin, found, "give the intrinsics of the depth image")
-        x, y = abs(self.cx / height - 0.5), abs(self.cy / width - 0.5)
-        is_off = max(abs(self.cx / width - 0.5), abs(self.cy / height - 0.5)) > FAR_FROM_MIDDLE
-        if is_off and max(x, y) < MIDDLE:
-            found = f"has its principal point in the middle of a {height}x{width} image"
-            expected = f"the depth is {size}: give the intrinsics of the turned image"
-            raise FormatError(self.origin, found, expected)
         return Intrinsics(self.fx, self.fy, self.cx, self.cy, width, height)
 
     def _advice(self, width: int, height: int) -> str:

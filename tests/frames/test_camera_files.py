@@ -308,16 +308,6 @@ def test_a_camera_of_another_size_is_refused_with_the_camera_of_this_size() -> N
         color.at(640, 360)
 
 
-@pytest.mark.parametrize("size", [(480, 640), (720, 1280)])
-def test_the_camera_of_an_image_that_was_not_turned_is_refused(size: tuple[int, int]) -> None:
-    width, height = size
-    lying = CameraFile(600.0, 600.0, 0.5 * height, 0.48 * width)
-    with pytest.raises(FormatError, match=f"the middle of a {height}x{width} image"):
-        lying.at(width, height)
-    cut = CameraFile(600.0, 600.0, 0.35 * width, 0.62 * height)
-    assert cut.at(width, height).cx == 0.35 * width
-
-
 @pytest.mark.parametrize("key", ["P", "projection_matrix"])
 @pytest.mark.parametrize("stated", [[0.1, 0.2], np.diag([1.8, 2.5, -1.0, 0.0]).tolist()])
 def test_a_projection_next_to_focal_lengths_is_none_of_a_camera(

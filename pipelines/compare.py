@@ -86,6 +86,7 @@ def run(
     stamp = provenance.make_stamp("compare", config, seed=seed, inputs=_digests(reports))
     if output is not None:
         provenance.refuse_own_input(output, reports)
+        provenance.refuse_foreign(output, "compare")
         # refuses to replace another comparison
         provenance.is_finished(output, stamp, overwrite=overwrite)
     names = run_names(reports)

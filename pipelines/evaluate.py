@@ -42,7 +42,12 @@ from pipelines.evaluation.truth import TruthReader
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
-from pipelines.storage.provenance import is_finished, make_stamp, refuse_own_input
+from pipelines.storage.provenance import (
+    is_finished,
+    make_stamp,
+    refuse_foreign,
+    refuse_own_input,
+)
 
 
 @one_run_at_a_time("evaluate", "output")
@@ -75,8 +80,9 @@ def run(
     settings = {**asdict(config), "baselines": baselines, "graspnet_depth": round(depth, 9)}
     inputs = runs.inputs(config.gripper, baselines=baselines)
     stamp = make_stamp("evaluate", settings, seed=seed, inputs=inputs)
+    refuse_foreign(output, "evaluate")
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another report
-    reports.refuse_other_page(output, overwrite=options.overwrite)
+    reports.refuse_other_page(output)
     simulated = reports.read_successes(success, stamp)
     notes = reports.incomplete_notes(simulated) | runs.method_notes() | runs.frames_notes()
     notes |= runs.gripper_notes(config.gripper)

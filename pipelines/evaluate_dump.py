@@ -36,7 +36,7 @@ from pipelines.grasp_files.exports.graspnet_dump import DumpedScene, dumped_scen
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import real_path, write_text
-from pipelines.storage.provenance import Stamp, digest_text, is_finished, make_stamp
+from pipelines.storage.provenance import Stamp, digest_text, is_finished, make_stamp, refuse_foreign
 
 STAGE = "evaluate"
 PROTOCOL = "graspnet"
@@ -54,8 +54,9 @@ def run(
     inputs = [item.stamp.inputs for item in items]
     joined = {kind: digest_text("".join(each[kind] for each in inputs)) for kind in inputs[0]}
     stamp = _stamp(config, joined)
+    refuse_foreign(output, STAGE)
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another report
-    reports.refuse_other_page(output, overwrite=options.overwrite)
+    reports.refuse_other_page(output)
     drop_stale(items, options, scenes_folder(output).glob("[!.]*.npz"))
     report = run_batch(STAGE, items, functools.partial(_evaluate_scene, root, config), options)
     notes = _absent_scenes(scenes, root)

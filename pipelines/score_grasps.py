@@ -33,7 +33,13 @@ from pipelines.metrics.graspnet.grid_contacts import close_fingers_on_grid
 from pipelines.runtime.batch import StageReport
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import existing
-from pipelines.storage.provenance import digest, is_finished, make_stamp, refuse_other_suffix
+from pipelines.storage.provenance import (
+    digest,
+    is_finished,
+    make_stamp,
+    refuse_foreign,
+    refuse_other_suffix,
+)
 
 STAGE = "score-grasps"
 NAMED_FAULTS = 5
@@ -68,6 +74,7 @@ def run(
         inputs["sdf"] = digest(stored)
     settings = {**asdict(config), "mesh_scale": mesh_scale or 1.0}
     stamp = make_stamp(STAGE, settings, inputs=inputs)
+    refuse_foreign(output, STAGE)
     if is_finished(output, stamp, overwrite=overwrite):
         report.skipped.append(output.name)
         return report
@@ -80,8 +87,9 @@ def run(
     report.notes[output.name] = _summary(verdicts)
     wider = np.count_nonzero(given.rows[:, RowColumn.WIDTH] > config.clip_width + ROUNDING)
     if wider:
-        count = counted(int(wider), "opening")
-        report.notes[grasps.name] = CLIPPED.format(count=count, width=config.clip_width)
+        report.notes[grasps.name] = CLIPPED.format(
+            count=counted(int(wider), "opening"), width=config.clip_width
+        )
     unsure = config.compatible and not with_grid and not mesh.is_watertight
     if turned or unsure:
         report.notes[model.name] = "; ".join(filter(None, (turned, UNSURE if unsure else "")))

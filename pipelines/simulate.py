@@ -39,6 +39,7 @@ from pipelines.storage.provenance import (
     digest_text,
     is_finished,
     make_stamp,
+    refuse_foreign,
     refuse_other_suffix,
     stamp_ahead,
 )
@@ -77,6 +78,7 @@ def run(
     inputs["pieces"] = _digest_of_pieces(object_ids, reader)
     settings = {**asdict(config), "baselines": baselines}
     stamp = make_stamp("simulate", settings, seed=seed, inputs=inputs)
+    refuse_foreign(output, "simulate")
     is_finished(output, stamp, overwrite=options.overwrite)  # raises if it is stale
     models = _model_items(object_ids, reader, config, seed)
     drop_stale(models, options)

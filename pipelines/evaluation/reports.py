@@ -80,20 +80,19 @@ def read_table(path: Path) -> dict[str, Any]:
     return asdict(table)
 
 
-def refuse_other_page(report: Path, *, overwrite: bool) -> None:
-    """Raise SymgraspError if the page to write next to `report` is there and not a report's.
+def refuse_other_page(report: Path) -> None:
+    """Raise SymgraspError if the page to write next to `report` exists and is no report's.
 
     A page of `compare`, which has a stamp next to it, is none.
     """
     page = report.with_suffix(".html")
-    if overwrite or not page.is_file():
+    if not page.is_file():
         return
     with page.open(encoding="utf-8", errors="replace") as stream:
         is_ours = OUR_PAGE.search(stream.read(PAGE_HEAD)) and not sidecar_of(page).exists()
     if not is_ours:
         raise SymgraspError(
-            f"{page}, which is written too, exists and is no page of a report; choose another "
-            "--out, or pass --overwrite"
+            f"{page}, which is written too, exists and is no page of a report; choose another --out"
         )
 
 

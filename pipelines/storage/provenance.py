@@ -217,7 +217,10 @@ def _stamp_of(text: object) -> dict[str, Any] | None:
 
 def refuse_foreign(output: Path, stage: str) -> None:
     """Raise SymgraspError if `output` exists and was not written by `stage`, even to overwrite."""
-    if output.exists() and (read_stamp(output) or {}).get("stage") != stage:
+    if not output.exists():
+        return
+    made_by = str((read_stamp(output) or {}).get("stage"))
+    if made_by.partition(" ")[0] != stage:  # `evaluate --protocol graspnet` is `evaluate` too
         raise SymgraspError(f"{output} exists and is no output of {stage}; choose another output")
 
 

@@ -60,15 +60,14 @@ def test_a_file_without_rows_is_refused_as_report(tmp_path: Path) -> None:
 )
 def test_another_page_next_to_a_report_is_not_replaced(tmp_path, page: str, is_ours: bool) -> None:
     report, found = tmp_path / "report.json", tmp_path / "report.html"
-    refuse_other_page(report, overwrite=False)
+    refuse_other_page(report)
     found.write_text(page)
-    refuse_other_page(report, overwrite=True)
     with nullcontext() if is_ours else pytest.raises(SymgraspError, match="no page of a report"):
-        refuse_other_page(report, overwrite=False)
+        refuse_other_page(report)
     stamp_ahead(found, STAMP)  # as `compare` does
     found.write_text(page)
     with pytest.raises(SymgraspError, match="no page of a report"):
-        refuse_other_page(report, overwrite=False)
+        refuse_other_page(report)
 
 
 INPUTS = {"grasps": "sha256:1", "with planes": "sha256:2"}

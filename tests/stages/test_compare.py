@@ -255,6 +255,10 @@ def test_a_written_comparison_is_reproducible_and_replaced_only_on_request(tmp_p
         compare.run(paths, CONFIG, output, seed=1)
     compare.run(paths, CONFIG, output, seed=1, overwrite=True)
     assert output.read_bytes() != written
+    foreign = tmp_path / f"mine{suffix}"
+    foreign.write_text("{}")
+    with pytest.raises(SymgraspError, match="is no output of compare"):
+        compare.run(paths, CONFIG, foreign, overwrite=True)
 
 
 def test_a_page_of_a_killed_run_has_its_stamp(tmp_path, monkeypatch):

@@ -17,7 +17,7 @@ from pipelines import evaluate, evaluate_dump, export, simulate
 from pipelines.configs import EvaluateConfig, EvaluateDumpConfig, ExportConfig, SimulateConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.meshes import read_mesh, write_mesh
-from pipelines.errors import FormatError, StaleOutputError, ValueRangeError
+from pipelines.errors import FormatError, StaleOutputError, SymgraspError, ValueRangeError
 from pipelines.evaluation import other_runs, reports
 from pipelines.evaluation.bootstrap_units import VIEWS_NOTE
 from pipelines.evaluation.records import read_frame_records, records_folder
@@ -455,6 +455,14 @@ def test_a_report_of_other_grasps_is_replaced_only_on_request(root, output, tmp_
         run(tmp_path / "g.h5", root, output)
     run(tmp_path / "g.h5", root, output, overwrite=True)
     assert figures(output)["reasons"]["no region"] == 8
+
+
+def test_a_file_of_another_program_is_not_replaced_even_on_request(root, truth_file, tmp_path):
+    foreign = tmp_path / "settings.json"
+    foreign.write_text('{"mine": 1}')
+    with pytest.raises(SymgraspError, match="is no output of evaluate"):
+        run(truth_file, root, foreign, overwrite=True)
+    assert foreign.read_text() == '{"mine": 1}'
 
 
 def test_records_of_former_scenes_do_not_stay_beside_a_new_report(root, output, tmp_path):

@@ -59,6 +59,12 @@ def test_a_mesh_turned_inside_out_is_scored_as_if_turned_back(mesh_path):
     assert turned["found"].all()
 
 
+def test_verdicts_do_not_replace_a_file_of_another_program_even_on_request(mesh_path):
+    np.savez(mesh_path.with_name("verdicts.npz"), mine=np.zeros(1))
+    with pytest.raises(SymgraspError, match="is no output of score-grasps"):
+        run(mesh_path, rows_across(), overwrite=True)
+
+
 def test_a_mesh_in_millimetres_is_refused_unless_its_unit_is_stated(mesh_path):
     _, verdicts = run(mesh_path, rows_across())
     solid = box(*SIDES)

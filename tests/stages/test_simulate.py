@@ -251,6 +251,13 @@ def test_a_second_run_tries_nothing_again_and_a_resumed_run_only_the_rest(
     assert content_of(tmp_path) == whole
 
 
+def test_a_file_of_another_program_is_not_replaced_even_on_request(root, small_file, tmp_path):
+    (tmp_path / "settings.json").write_text('{"mine": 1}')
+    with pytest.raises(SymgraspError, match="is no output of simulate"):
+        run(small_file, root, tmp_path / "settings.json", overwrite=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["settings.json"]
+
+
 def test_rates_of_other_grasps_are_replaced_only_on_request(
     root, small_file, truth_small, tmp_path
 ):

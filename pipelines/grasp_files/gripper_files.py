@@ -74,12 +74,15 @@ def load_gripper(name_or_path: str) -> Gripper:
         raise UnknownNameError("gripper", name_or_path, [*preset_names(), "a TOML file"])
     content = read_toml(path, "see pipelines/grippers")
     names = {field.name for field in fields(Gripper)}
-    for wrong, fault in (
-        (names - set(content), "lacks"),
-        (set(content) - names, "has the unknown"),
-    ):
-        if wrong:
-            found = f"{fault} {', '.join(sorted(wrong))[:LONGEST_REASON]}"
-            raise FormatError(path, found, f"the keys are {', '.join(sorted(names))}")
+    faults = [
+        f"{fault} {', '.join(sorted(wrong))[:LONGEST_REASON]}"
+        for fault, wrong in (
+            ("lacks", names - set(content)),
+            ("has the unknown", set(content) - names),
+        )
+        if wrong
+    ]
+    if faults:
+        raise FormatError(path, " and ".join(faults), f"the keys are {', '.join(sorted(names))}")
     with reading(path, "a measure", "metres, as in pipelines/grippers"):
         return Gripper(**content)

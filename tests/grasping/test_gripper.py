@@ -73,6 +73,9 @@ def test_wrong_gripper_files_are_refused_with_a_sentence(tmp_path):
     path.write_text((GRIPPERS / "rg2.toml").read_text() + "colour = 3\n")
     with pytest.raises(FormatError, match="has the unknown colour; the keys"):
         load_gripper(str(path))
+    path.write_text((GRIPPERS / "rg2.toml").read_text().replace("clearance", "clearence"))
+    with pytest.raises(FormatError, match="lacks clearance and has the unknown clearence"):
+        load_gripper(str(path))
     with pytest.raises(SymgraspError, match=r"missing\.toml does not exist"):
         load_gripper(str(tmp_path / "missing.toml"))
     path.write_text("name = ")

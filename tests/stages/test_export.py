@@ -22,7 +22,7 @@ from pipelines.grasp_files.grasp_rows import read_grasp_rows
 from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasp_files.gripper_files import GRIPPERS, gripper_digest, load_gripper
 from pipelines.grasping.grasps import from_graspnet
-from pipelines.storage.array_files import read_npz
+from pipelines.storage.array_files import read_npy, read_npz
 from pipelines.storage.files import write_json
 from pipelines.storage.provenance import make_stamp
 from symgrasp_cli.app import app
@@ -264,6 +264,13 @@ def test_frames_that_share_their_last_part_do_not_share_a_camera_pose(grasps, tm
     assert report.failed["b/7"].endswith("give b/7.json, as several frames end in 7")
     frames = json.loads(out.read_text())["frames"]
     assert [frame["name"] for frame in frames] == ["a/7", "b/8"]
+
+
+def test_a_dump_of_poses_at_the_tips_has_no_depth(grasps, tmp_path):
+    run(grasps, tmp_path / "dump", to="graspnet", tcp="tips")
+    depths = [read_npy(path)[:, 3] for path in (tmp_path / "dump").rglob("*.npy")]
+    assert sum(map(len, depths))
+    assert not np.concatenate(depths).any()
 
 
 def test_the_tool_centre_point_is_at_the_chosen_place(grasps, tmp_path):

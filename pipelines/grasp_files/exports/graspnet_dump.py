@@ -96,6 +96,7 @@ def shared_place(names: Iterable[str]) -> tuple[str, str] | None:
 def write_frame(path: Path, frame: FrameGrasps, _header: ExportHeader) -> None:
     """Write the grasps of a frame to `path`, the result of `frame_file`."""
     score, reach = frame.result.grasps.rank_score, frame.gripper.model.tip_reach
-    depth = frame.gripper.base_to_contacts + reach  # from the origin to the finger tips
+    # From the origin to the finger tips; rounded, as -4e-18 at the tips would read as behind them.
+    depth = round(frame.gripper.base_to_contacts + reach, 9) + 0.0
     rows = to_graspnet(frame.grasps, score, opening=frame.opening, tip_reach=reach, depth=depth)
     write_npy(path, rows)

@@ -108,7 +108,8 @@ def run(
         )
     if rerun:
         _record(paths, config, items, options, report)
-    if not options.dry_run:
+    # An index without pages would replace that of the pages of an earlier run.
+    if not options.dry_run and not report.failed.keys() >= {*index.names}:
         title = f"{paths.grasps.name}: {counted(len(index.names), 'frame')}"
         write_text(paths.index, index_page(title, _entries(paths, index.names, report), whole))
     return report

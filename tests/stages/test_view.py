@@ -170,6 +170,19 @@ def test_a_second_run_skips_pages_and_makes_only_changed_frames_again(grasps, tm
     assert run(grasps, out, options=replace(OPTIONS, overwrite=True)).done == list(NAMES)
 
 
+def test_an_index_without_a_single_page_is_not_written(grasps, tmp_path):
+    out = tmp_path / "out"
+    failed = write_results(tmp_path / "failed.h5", [FrameResult("one/a", "failed", "torn")])
+    assert run(failed, out, frames=tmp_path / "frames").exit_code == 1
+    assert not out.exists()
+    run(grasps, out)
+    index = (out / "index.html").read_text()
+    more = [result(name, seed=place + 5) for place, name in enumerate(NAMES)]
+    write_results(grasps, more, tmp_path / "frames")
+    assert set(run(grasps, out).failed) == set(NAMES)
+    assert (out / "index.html").read_text() == index  # still of the pages that are there
+
+
 def test_a_lost_picture_is_drawn_again_with_its_page(grasps, tmp_path):
     out = tmp_path / "out"
     run(grasps, out)

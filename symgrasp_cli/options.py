@@ -37,7 +37,7 @@ Workers = Annotated[
 Backend = Annotated[
     str,
     _running(
-        "joblib's backend: loky, or dask or ray with that extra installed.",
+        "joblib's backend: loky (processes), threading, or dask or ray with that extra installed.",
         metavar="NAME",
         envvar="SYMGRASP_BACKEND",
     ),

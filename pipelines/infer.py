@@ -38,7 +38,7 @@ from pipelines.inference.pictures import draw_missing, results_of_output
 from pipelines.inference.run_settings import InferPaths, RunSettings, check_config
 from pipelines.runtime.batch import PASSING, BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
-from pipelines.storage.files import refuse_file_as_folder
+from pipelines.storage.files import make_folder, refuse_file_as_folder
 from pipelines.storage.provenance import is_finished
 
 __all__ = ["InferPaths", "infer_frame", "overlay_path", "run"]
@@ -107,6 +107,7 @@ def _make(run: InferRun, items: Sequence[WorkItem], options: BatchOptions) -> St
     parallel = options_for_frames(options, len(todo), settings.device)
     with settings.one_core() if parallel.backend == "threading" else nullcontext():
         if todo and not options.dry_run:
+            make_folder(grasps_file.parts_folder(run.output))  # before the work, if it cannot be
             load_in_workers(settings, parallel)
         report = run_batch(STAGE, todo, partial(infer_frame, settings=settings), parallel)
     report.skipped += finished

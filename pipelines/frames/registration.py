@@ -26,7 +26,7 @@ LEAST_HEIGHT = 3  # pixels of the reduced image: a slope across rows needs as ma
 FEW_MEASURED = 1 / 3
 # Of the side: 58 real frames have at most 0.02, bundled frames, which are cut out, 0.102, and a
 # camera of 640x480 on images of 848x480 has 0.123.
-FAR_FROM_MIDDLE = 0.11
+OFF_CENTER = 0.11
 CLEAR = 4.0  # standard deviations of the other offsets by which the best match exceeds their mean
 SHARE = 2 / 3  # of the best match: frames with a larger match near offset 0 count as registered
 
@@ -90,7 +90,7 @@ def _match_at_offsets(changes: Image, jumps: Image) -> Image:
 def _off_center(camera: Intrinsics) -> list[str]:
     """Return a sentence if the principal point is far from the middle of the image."""
     offsets = camera.cx / camera.width - 0.5, camera.cy / camera.height - 0.5
-    if max(map(abs, offsets)) <= FAR_FROM_MIDDLE:
+    if max(map(abs, offsets)) <= OFF_CENTER:
         return []
     return [
         f"the principal point ({camera.cx:g}, {camera.cy:g}) is far from the middle of the "

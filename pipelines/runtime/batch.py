@@ -131,11 +131,11 @@ def run_batch(
 ) -> StageReport:
     """Run `step` on every unfinished item, in `threads` if given.
 
-    An error in `step` fails its item alone: errors other than `SymgraspError` and `OSError` are
-    called unforeseen, and `--verbose` shows their origin. So does the end of its worker process, as
-    for lack of memory. A `WriteError` (no space or no permission to write) and an `ImportError` (a
-    faulty installation) end the batch. `step` may return a note for the report; with several
-    workers it must be picklable.
+    An error in `step`, or the end of its worker process, as for lack of memory, fails its item
+    alone. Errors other than `SymgraspError`, `OSError` and `MemoryError` are called unforeseen, and
+    `--verbose` shows their origin. A `WriteError` (no space or no permission to write) and an
+    `ImportError` (a faulty installation) end the batch. `step` may return a note for the report;
+    with several workers it must be picklable.
 
     Raises:
         UnknownNameError: no such backend.
@@ -165,8 +165,8 @@ def drop_stale(
 ) -> None:
     """Remove stale and damaged targets, for outputs that are parts of another output.
 
-    Parts without that other output are left over from an earlier run, and so are those of `known`,
-    existing parts, that are no targets. A warning counts them, unless the user overwrites.
+    Parts without that other output are left over from an earlier run. `known`: existing parts;
+    those that are no targets are removed too. A warning counts them, unless the user overwrites.
     """
     removed = sorted({*known} - {item.target for item in items})
     for item in items:

@@ -1,4 +1,4 @@
-"""Of colour and depth of two cameras, the images of one view are read, with its camera."""
+"""Images of one view are read, with its camera, where colour and depth have two cameras."""
 
 import json
 from collections.abc import Callable

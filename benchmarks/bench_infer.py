@@ -23,8 +23,9 @@ from pipelines.frames.frames import find_frames
 from pipelines.frames.rgbd import Frame, FrameSource
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.planner import RegionPlanner
-from pipelines.inference import models, observation, predicted_regions
+from pipelines.inference import models, observation
 from pipelines.inference.frame_grasps import Planner
+from pipelines.inference.regions import predicted_regions
 from pipelines.runtime.batch import BatchOptions
 
 BUNDLED = Path(pipelines.__file__).parent / "weights" / "frames"

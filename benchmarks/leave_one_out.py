@@ -31,12 +31,12 @@ from pipelines.compare import Figure, compared
 from pipelines.configs import CompareConfig, EvaluateConfig, InferConfig
 from pipelines.configs.settings import changed
 from pipelines.errors import SymgraspError, errors_as_sentences
-from pipelines.evaluation.paired_runs import EvaluatedRun
-from pipelines.evaluation.run_readers import DEFAULT_ROW, read_run
+from pipelines.evaluation.runs.paired_runs import EvaluatedRun
+from pipelines.evaluation.runs.run_readers import DEFAULT_ROW, read_run
 from pipelines.evaluation.truth import FrameTruth, TruthReader
 from pipelines.geometry.pointcloud import Plane
 from pipelines.inference import models
-from pipelines.inference.run_settings import InferPaths
+from pipelines.inference.runs.run_settings import InferPaths
 from pipelines.metrics.grasp_verdicts import TrueScene
 from pipelines.metrics.symmetry_matching import TrueRegion
 from pipelines.network.predictor import GraspPredictor, RegionPrediction
@@ -54,7 +54,7 @@ UNCHANGED = "no name"
 # Functions with cached results, and the prefix of replaced names that change these results.
 REMEMBERED = {
     "pipelines.inference.observation.geometric_regions": "pipelines.tabletop.",
-    "pipelines.inference.predicted_regions.ground_symmetries": FITS,
+    "pipelines.inference.regions.predicted_regions.ground_symmetries": FITS,
     "pipelines.evaluate.TruthReader": UNCHANGED,
     "pipelines.evaluation.baselines.assign_regions": UNCHANGED,
     "pipelines.evaluation.truth.TruthReader.read": UNCHANGED,

@@ -16,14 +16,19 @@ from typing import Any
 
 from pipelines.configs import CompareConfig, check_settings
 from pipelines.errors import SymgraspError, counted, printable
-from pipelines.evaluation.bootstrap_units import VIEWS_NOTE, bootstrap_units
-from pipelines.evaluation.comparison_notes import frame_notes, setting_notes
-from pipelines.evaluation.figures import TEST_SPLITS
 from pipelines.evaluation.pages.report_page import TEMPLATES
-from pipelines.evaluation.paired_runs import EvaluatedRun, paired_frames
-from pipelines.evaluation.run_readers import DEFAULT_ROW, compared_folders, friction_of, read_run
-from pipelines.evaluation.tables import Table
-from pipelines.evaluation.tallies import ALL
+from pipelines.evaluation.reports.figures import TEST_SPLITS
+from pipelines.evaluation.reports.tables import Table
+from pipelines.evaluation.runs.bootstrap_units import VIEWS_NOTE, bootstrap_units
+from pipelines.evaluation.runs.comparison_notes import frame_notes, setting_notes
+from pipelines.evaluation.runs.paired_runs import EvaluatedRun, paired_frames
+from pipelines.evaluation.runs.run_readers import (
+    DEFAULT_ROW,
+    compared_folders,
+    friction_of,
+    read_run,
+)
+from pipelines.evaluation.runs.tallies import ALL
 from pipelines.metrics.paired_bootstrap import FEWEST_UNITS, Difference, differences
 from pipelines.pictures.pages import rendered
 from pipelines.runtime.one_run import one_run_at_a_time

@@ -20,7 +20,7 @@ from pipelines.configs import ConvertFramesConfig
 from pipelines.contents import mapping_in
 from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.frames.deeper_frames import warn_of_deeper_frames
-from pipelines.frames.depth_checks import MISSING_DEPTH
+from pipelines.frames.depth.depth_checks import MISSING_DEPTH
 from pipelines.frames.frames import find_frames
 from pipelines.frames.rgbd import Frame, FrameSource
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions

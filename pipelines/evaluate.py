@@ -24,20 +24,20 @@ from pathlib import Path
 from pipelines.configs import EvaluateConfig, IntervalConfig
 from pipelines.configs.evaluation import BootstrapUnit
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
-from pipelines.evaluation import reports
 from pipelines.evaluation.baselines import Baselines, rows_of
 from pipelines.evaluation.frame_scores import score_frame
-from pipelines.evaluation.other_runs import ComparedRuns, frames_by_row
 from pipelines.evaluation.predictions import FramePredictions
-from pipelines.evaluation.records import (
+from pipelines.evaluation.reports import reports
+from pipelines.evaluation.reports.report_files import write_report_files
+from pipelines.evaluation.reports.tables import Table, report_tables
+from pipelines.evaluation.rows import OURS
+from pipelines.evaluation.runs.other_runs import ComparedRuns, frames_by_row
+from pipelines.evaluation.runs.records import (
     FrameRecord,
     read_frame_records,
     records_folder,
     write_frame_records,
 )
-from pipelines.evaluation.report_files import write_report_files
-from pipelines.evaluation.rows import OURS
-from pipelines.evaluation.tables import Table, report_tables
 from pipelines.evaluation.truth import TruthReader
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch

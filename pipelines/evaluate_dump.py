@@ -20,7 +20,6 @@ from pipelines.configs import EvaluateDumpConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_layout import SPLITS, scene_name
 from pipelines.errors import counted, printable
-from pipelines.evaluation import reports
 from pipelines.evaluation.graspnet.dump_verdicts import (
     DUMP_STATUSES,
     read_dump_verdicts,
@@ -31,7 +30,8 @@ from pipelines.evaluation.graspnet.graspnet_figures import DumpTally, dump_table
 from pipelines.evaluation.graspnet.graspnet_page import dump_page
 from pipelines.evaluation.graspnet.graspnet_scenes import score_scene
 from pipelines.evaluation.graspnet.graspnet_truth import InputDigests
-from pipelines.evaluation.tables import Table
+from pipelines.evaluation.reports import reports
+from pipelines.evaluation.reports.tables import Table
 from pipelines.grasp_files.exports.graspnet_dump import DumpedScene, dumped_scenes
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time

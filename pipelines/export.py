@@ -24,7 +24,7 @@ from pathlib import Path
 
 from pipelines.configs import ExportConfig, check_settings
 from pipelines.errors import SymgraspError, ValueRangeError
-from pipelines.frames.hand_eye import POSE_SUFFIXES
+from pipelines.frames.cameras.hand_eye import POSE_SUFFIXES
 from pipelines.grasp_files.exports import (
     contact_graspnet_predictions,
     grasp_csv,

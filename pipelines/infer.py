@@ -22,7 +22,7 @@ from pipelines.frames.deeper_frames import warn_of_deeper_frames
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_stream import read_index, read_results
-from pipelines.inference.earlier_runs import (
+from pipelines.inference.runs.earlier_runs import (
     earlier_frames,
     finished_items,
     has_part,
@@ -32,10 +32,10 @@ from pipelines.inference.earlier_runs import (
     refuse_other_settings,
     refuse_stale,
 )
-from pipelines.inference.frame_workers import load_in_workers, options_for_frames
-from pipelines.inference.infer_run import STAGE, InferRun, infer_frame, overlay_path
-from pipelines.inference.pictures import draw_missing, results_of_output
-from pipelines.inference.run_settings import InferPaths, RunSettings, check_config
+from pipelines.inference.runs.frame_workers import load_in_workers, options_for_frames
+from pipelines.inference.runs.infer_run import STAGE, InferRun, infer_frame, overlay_path
+from pipelines.inference.runs.pictures import draw_missing, results_of_output
+from pipelines.inference.runs.run_settings import InferPaths, RunSettings, check_config
 from pipelines.runtime.batch import PASSING, BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import make_folder, refuse_file_as_folder

@@ -17,12 +17,12 @@ from pipelines.configs import InferConfig, WatchConfig
 from pipelines.dataset.chosen_frames import ALL_FRAMES, ChosenFrames
 from pipelines.errors import SymgraspError
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
-from pipelines.inference.earlier_runs import refuse_foreign_output
-from pipelines.inference.following import Follower, FrameOutcome
-from pipelines.inference.frame_workers import options_for_frames
-from pipelines.inference.infer_run import STAGE, InferRun
-from pipelines.inference.run_settings import InferPaths, RunSettings, check_config
-from pipelines.inference.watching import Clock
+from pipelines.inference.runs.earlier_runs import refuse_foreign_output
+from pipelines.inference.runs.following import Follower, FrameOutcome
+from pipelines.inference.runs.frame_workers import options_for_frames
+from pipelines.inference.runs.infer_run import STAGE, InferRun
+from pipelines.inference.runs.run_settings import InferPaths, RunSettings, check_config
+from pipelines.inference.runs.watching import Clock
 from pipelines.runtime.batch import BatchOptions, StageReport
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.runtime.stopping import StopReason, StopSignals

@@ -24,9 +24,9 @@ from pipelines.dataset import convex_pieces as convex_file
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
 from pipelines.dataset.meshes import read_solid_mesh
-from pipelines.evaluation.other_runs import ComparedRuns, frames_by_row
-from pipelines.evaluation.tables import Table
-from pipelines.evaluation.trial_records import read_trials, trials_folder, write_trials
+from pipelines.evaluation.reports.tables import Table
+from pipelines.evaluation.runs.other_runs import ComparedRuns, frames_by_row
+from pipelines.evaluation.runs.trial_records import read_trials, trials_folder, write_trials
 from pipelines.frames.graspnet_scene import annotated_ids
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch

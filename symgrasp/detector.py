@@ -18,7 +18,7 @@ from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.limits import check_limits
-from pipelines.inference.run_settings import InferPaths, RunSettings, check_config
+from pipelines.inference.runs.run_settings import InferPaths, RunSettings, check_config
 from symgrasp.frame_input import IntrinsicsLike, frame_of, instance_masks, workspace_of
 from symgrasp.grasps import Grasps, ordered_grasps
 

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipelines.array_types import Mask
 from pipelines.errors import ValueRangeError
-from pipelines.frames.camera_files import CameraFile, camera_from_mapping
+from pipelines.frames.cameras.camera_files import CameraFile, camera_from_mapping
+from pipelines.frames.depth.stated_units import check_units
 from pipelines.frames.rgbd import DepthUnits, Frame, make_frame
-from pipelines.frames.stated_units import check_units
 from pipelines.geometry.camera import Intrinsics
 
 IntrinsicsLike = Intrinsics | Mapping[str, Any] | Sequence[float] | NDArray[Any]

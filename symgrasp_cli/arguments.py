@@ -193,7 +193,7 @@ def frame_options(
     intrinsics: IntrinsicsText = None, depth_units_per_metre: DepthUnitsPerMetre = None
 ) -> "FrameOptions":
     """Return camera and depth units that the user gives for all frames, in place of files."""
-    from pipelines.frames.camera_files import parse_camera
+    from pipelines.frames.cameras.camera_files import parse_camera
     from pipelines.frames.rgbd_folder import FrameOptions
 
     camera = None if intrinsics is None else parse_camera(intrinsics)

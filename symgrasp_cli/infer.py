@@ -30,7 +30,7 @@ from symgrasp_cli.settings import named_as, with_settings
 
 if TYPE_CHECKING:
     from pipelines.dataset.chosen_frames import ChosenFrames
-    from pipelines.inference.following import FrameOutcome
+    from pipelines.inference.runs.following import FrameOutcome
     from pipelines.runtime.batch import BatchOptions, StageReport
 
 DEFAULT_FRAME = LimitsConfig.box_frame

@@ -19,7 +19,7 @@ from pipelines.errors import SymgraspError, error_sentence, printable
 if TYPE_CHECKING:
     from rich.table import Table as Drawn
 
-    from pipelines.evaluation.tables import Table
+    from pipelines.evaluation.reports.tables import Table
     from pipelines.runtime.batch import StageReport
 
 UNBOUND = 10_000  # characters: the width of a table without a limit

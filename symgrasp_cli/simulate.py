@@ -56,7 +56,7 @@ def simulate(
 
 def shared_options(config: SimulateConfig) -> tuple[str, ...]:
     """Return the options that `evaluate` must have too, or it refuses the rates."""
-    from pipelines.evaluation.reports import WHICH_OBJECTS
+    from pipelines.evaluation.reports.reports import WHICH_OBJECTS
 
     names = ("gripper", *WHICH_OBJECTS)
     changed = [s for s in settings_of(config) if s.name in names and s.value != s.default]

@@ -19,8 +19,8 @@ from pipelines.array_types import Array
 from pipelines.configs import EvaluateConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.errors import FormatError, MissingInputError, errors_as_sentences
-from pipelines.evaluation.records import FrameRecord, read_frame_records, records_folder
 from pipelines.evaluation.rows import OURS
+from pipelines.evaluation.runs.records import FrameRecord, read_frame_records, records_folder
 from pipelines.evaluation.truth import TruthReader
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.geometry.rendering import first_hits

@@ -19,9 +19,9 @@ from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
 from pipelines.dataset.meshes import read_mesh
 from pipelines.errors import errors_as_sentences
-from pipelines.evaluation.records import read_frame_records, records_folder
 from pipelines.evaluation.rows import OURS
-from pipelines.evaluation.tallies import WITHOUT_GRASP
+from pipelines.evaluation.runs.records import read_frame_records, records_folder
+from pipelines.evaluation.runs.tallies import WITHOUT_GRASP
 from pipelines.metrics.grasp_verdicts import Verdict
 from pipelines.metrics.paired_bootstrap import FrameMeans, differences
 from pipelines.storage.files import atomic_folder

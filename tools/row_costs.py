@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from pipelines.errors import MissingInputError, errors_as_sentences
-from pipelines.evaluation.reports import GivenTable
+from pipelines.evaluation.reports.reports import GivenTable
 from pipelines.evaluation.rows import ordered_rows, report_row
 from pipelines.grasp_files.grasps_stream import read_index
 from pipelines.learning.loop.runs import CHECKPOINT, Progress, file_of_run

@@ -20,7 +20,7 @@ from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.errors import SymgraspError, ValueRangeError, errors_as_sentences
 from pipelines.evaluation.frame_scores import assign_regions
 from pipelines.evaluation.predictions import FramePredictions
-from pipelines.evaluation.trial_records import HELD
+from pipelines.evaluation.runs.trial_records import HELD
 from pipelines.evaluation.truth import TruthReader
 from pipelines.grasp_files.grasps_stream import read_dataset_frames, read_index
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable

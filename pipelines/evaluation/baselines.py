@@ -35,7 +35,7 @@ from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.grasping.symmetries.completion import completions
 from pipelines.inference import models
 from pipelines.inference.observation import observe
-from pipelines.inference.predicted_regions import NUM_REGION_POINTS
+from pipelines.inference.regions.predicted_regions import NUM_REGION_POINTS
 
 OTHER_FOCAL_LENGTH = 0.1  # relative difference beyond a calibration's, chosen by eye
 

@@ -8,8 +8,8 @@ import numpy as np
 from pipelines.array_types import Mask
 from pipelines.configs import EvaluateConfig
 from pipelines.evaluation.predictions import FramePredictions, RowPredictions, ScoredGrasps
-from pipelines.evaluation.records import FrameRecord, RowRecord, ScoredPredictions, number_key
 from pipelines.evaluation.rows import OURS
+from pipelines.evaluation.runs.records import FrameRecord, RowRecord, ScoredPredictions, number_key
 from pipelines.evaluation.truth import FrameTruth
 from pipelines.geometry.symmetry import SYMMETRY_KINDS, SymmetrySlots
 from pipelines.geometry.transforms import nearest_orthogonal

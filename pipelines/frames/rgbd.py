@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from pipelines.array_types import Singles
 from pipelines.errors import FormatError
-from pipelines.frames.camera_files import CameraFile
-from pipelines.frames.camera_search import where_a_camera_may_be
-from pipelines.frames.depth_checks import (
+from pipelines.frames.cameras.camera_files import CameraFile
+from pipelines.frames.cameras.camera_search import where_a_camera_may_be
+from pipelines.frames.cameras.lens import Distortion, Image, displacement, distorted, undistorted
+from pipelines.frames.depth.depth_checks import (
     LOOKS_INVERSE,
     MISSING_DEPTH,
     has_rotated_bits,
@@ -27,9 +28,8 @@ from pipelines.frames.depth_checks import (
     nothing_measured,
     one_channel,
 )
+from pipelines.frames.encodings.exif import turned_like_depth
 from pipelines.frames.encodings.exr_files import read_exr
-from pipelines.frames.exif import turned_like_depth
-from pipelines.frames.lens import Distortion, Image, displacement, distorted, undistorted
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.numerics.strides import strided_at_least
 from pipelines.storage.array_files import read_npy, read_npz

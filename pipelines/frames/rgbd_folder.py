@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
 
-from pipelines.frames.camera_files import CameraFile, read_camera_file, read_units
+from pipelines.frames.cameras.camera_files import CameraFile, read_camera_file, read_units
+from pipelines.frames.depth.stated_units import check_units
 from pipelines.frames.image_names import (
     ALIGNED_COLOR,
     ALIGNED_DEPTH,
@@ -19,7 +20,6 @@ from pipelines.frames.image_names import (
     word_and_rest,
 )
 from pipelines.frames.rgbd import DepthUnits, Frame, read_pair
-from pipelines.frames.stated_units import check_units
 
 COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm")
 DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".exr", ".pgm")

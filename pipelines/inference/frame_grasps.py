@@ -29,14 +29,14 @@ from pipelines.inference.peers.frame_plans import (
     plans_of_frame,
 )
 from pipelines.inference.plans import Plan, grasp_table, region_table, why_all_weak, with_pieces
-from pipelines.inference.predicted_regions import (
+from pipelines.inference.regions.predicted_regions import (
     PredictedRegion,
     RegionMethod,
     compared_regions,
     predicted_regions,
     region_models,
 )
-from pipelines.inference.regions import Region, pieces_of
+from pipelines.inference.regions.regions import Region, pieces_of
 
 if TYPE_CHECKING:
     from pipelines.network.detection.detector import RegionDetector

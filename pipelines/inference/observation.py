@@ -22,9 +22,9 @@ from pipelines.grasp_files.grasps_tables import REGION_FLAT, REGION_MEASURED, RE
 from pipelines.grasping.limits import Limits
 from pipelines.grasping.planner import MIN_POINTS
 from pipelines.grasping.scene import RegionCloud, SceneCloud
-from pipelines.inference.rated_regions import rated_by_detector
-from pipelines.inference.regions import Region, find_regions, with_containers_joined
-from pipelines.inference.regions_by_color import with_color
+from pipelines.inference.regions.rated_regions import rated_by_detector
+from pipelines.inference.regions.regions import Region, find_regions, with_containers_joined
+from pipelines.inference.regions.regions_by_color import with_color
 from pipelines.tabletop.regions.color import ColorPieces, color_pieces
 from pipelines.tabletop.regions.object_criteria import top_height
 from pipelines.tabletop.regions_geometric import (

@@ -13,8 +13,8 @@ from pipelines.errors import counted
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasp_files.grasps_tables import GraspTable, RegionTable, are_worth_trying
 from pipelines.grasping.ranked_grasps import RankedGrasps
-from pipelines.inference.predicted_regions import PredictedRegion
-from pipelines.inference.regions import Region
+from pipelines.inference.regions.predicted_regions import PredictedRegion
+from pipelines.inference.regions.regions import Region
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from pipelines.errors import ValueRangeError
 from pipelines.frames.masks import read_masks
 from pipelines.frames.rgbd import Frame
 from pipelines.frames.workspace_files import read_workspace_mask
-from pipelines.inference.run_settings import InferPaths
+from pipelines.inference.runs.run_settings import InferPaths
 
 
 def drawn_by_user(

@@ -15,9 +15,9 @@ from pipelines.errors import SymgraspError
 from pipelines.evaluation.baselines import Baselines, rows_of
 from pipelines.evaluation.frame_scores import RegionRow, best_region
 from pipelines.evaluation.predictions import FramePredictions
-from pipelines.evaluation.records import number_key
 from pipelines.evaluation.rows import OURS
-from pipelines.evaluation.trial_records import FrameTrials, Outcome, TrialRecord
+from pipelines.evaluation.runs.records import number_key
+from pipelines.evaluation.runs.trial_records import FrameTrials, Outcome, TrialRecord
 from pipelines.evaluation.truth import FrameTruth, TruthReader
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.dataset.graspnet.graspnet_layout import SPLITS
-from pipelines.evaluation.records import number_key
+from pipelines.evaluation.reports.tables import Table
 from pipelines.evaluation.rows import OURS, ordered_rows, report_row, rows_note
-from pipelines.evaluation.tables import Table
-from pipelines.evaluation.trial_records import FORMAT_VERSION, HELD, FrameTrials, TrialRecord
+from pipelines.evaluation.runs.records import number_key
+from pipelines.evaluation.runs.trial_records import FORMAT_VERSION, HELD, FrameTrials, TrialRecord
 from pipelines.geometry.symmetry import SYMMETRY_KINDS
 from pipelines.metrics.success_rate import success_rate
 from pipelines.simulation.trial import TRIAL_OUTCOMES

@@ -7,7 +7,7 @@ import numpy as np
 
 from pipelines.array_types import Array
 from pipelines.configs import SimulateConfig
-from pipelines.evaluation.trial_records import HELD, Outcome
+from pipelines.evaluation.runs.trial_records import HELD, Outcome
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.runtime.physics import mujoco

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from pipelines.errors import SymgraspError, UnknownNameError
-from pipelines.frames.lens import BROWN, FISHEYE, Distortion
+from pipelines.frames.cameras.lens import BROWN, FISHEYE, Distortion
 from pipelines.geometry.camera import Intrinsics
 from pipelines.inference.models import WEIGHTS
 from pipelines.storage.files import read_json

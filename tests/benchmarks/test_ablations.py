@@ -20,7 +20,7 @@ from benchmarks.ablation_table import (
 )
 from benchmarks.ablations import main, make_table, parsed, perform, run_symgrasp
 from pipelines.errors import SymgraspError
-from pipelines.evaluation.reports import read_table
+from pipelines.evaluation.reports.reports import read_table
 from tests.docs.test_formats_document import block, keys_of
 
 MAKEFILE = Path(__file__).resolve().parents[2] / "Makefile"

@@ -22,16 +22,16 @@ from pipelines.configs import EvaluateConfig, InferConfig
 from pipelines.configs.presets import preset_settings
 from pipelines.configs.settings import changed
 from pipelines.errors import UnknownNameError
-from pipelines.evaluation.figures import report_rows
-from pipelines.evaluation.records import (
+from pipelines.evaluation.reports.figures import report_rows
+from pipelines.evaluation.reports.reports import write_report
+from pipelines.evaluation.runs.records import (
     FrameRecord,
     RowRecord,
     ScoredPredictions,
     records_folder,
     write_frame_records,
 )
-from pipelines.evaluation.reports import write_report
-from pipelines.evaluation.tallies import ReportTally
+from pipelines.evaluation.runs.tallies import ReportTally
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasping import planner

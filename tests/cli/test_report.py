@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from pipelines import refine_grasps
 from pipelines.configs import SimulateConfig
-from pipelines.evaluation.tables import Table
+from pipelines.evaluation.reports.tables import Table
 from pipelines.runtime.batch import StageReport
 from symgrasp_cli.app import app
 from symgrasp_cli.report import ReportStyle, conclude, reporting_in, show_table

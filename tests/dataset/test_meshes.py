@@ -22,8 +22,6 @@ from pipelines.dataset.meshes import (
 from pipelines.errors import FormatError, SymgraspError, UnknownNameError, ValueRangeError
 from pipelines.geometry.meshes.mesh import Mesh
 
-CASE = Path(__file__).parents[3] / "shared/cases/mesh_folder_silent"
-
 
 def box(size: float = 0.1) -> Mesh:
     shape = trimesh.creation.box(extents=(size, 2 * size, 3 * size))
@@ -203,12 +201,12 @@ def test_a_mesh_of_another_format_is_refused_with_the_way_to_convert_it(tmp_path
         read_mesh(tmp_path / "part.stp")
 
 
-@pytest.mark.skipif(not CASE.exists(), reason="needs ../shared/cases")
 def test_the_meshes_of_the_shared_folder_that_are_passed_over_are_named(
-    caplog: pytest.LogCaptureFixture,
+    caplog: pytest.LogCaptureFixture, shared: Path
 ) -> None:
+    folder = shared / "cases/mesh_folder_silent"
     with caplog.at_level(logging.WARNING):
-        assert [path.name for path in find_meshes(CASE)] == ["nested.glb"]
+        assert [path.name for path in find_meshes(folder)] == ["nested.glb"]
     assert (
         "2 files of formats that are not read: P_XPM_0331_01.3mf, featuretype.STEP" in caplog.text
     )

@@ -28,10 +28,10 @@ from pipelines.dataset.training import (
 )
 from pipelines.dataset.training.affordance_labels import AffordanceLabels
 from pipelines.dataset.training.packed_regions import PackedScene
-from pipelines.evaluation.figures import split_figures
 from pipelines.evaluation.graspnet.dump_verdicts import FrameVerdicts, write_dump_verdicts
-from pipelines.evaluation.reports import write_report
-from pipelines.evaluation.tallies import RowTally
+from pipelines.evaluation.reports.figures import split_figures
+from pipelines.evaluation.reports.reports import write_report
+from pipelines.evaluation.runs.tallies import RowTally
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.region_masks import RegionInstance

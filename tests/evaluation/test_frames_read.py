@@ -8,7 +8,7 @@ import pytest
 from pipelines import infer
 from pipelines.configs import InferConfig
 from pipelines.errors import FormatError
-from pipelines.evaluation.other_runs import ComparedRuns
+from pipelines.evaluation.runs.other_runs import ComparedRuns
 from pipelines.runtime.batch import BatchOptions
 from tests.stages.toy_root import write_root
 

@@ -2,8 +2,9 @@
 
 import pytest
 
-from pipelines.evaluation import other_runs, published
+from pipelines.evaluation.reports import published
 from pipelines.evaluation.rows import KNOWN_ROWS, ordered_rows, report_row
+from pipelines.evaluation.runs import other_runs
 
 
 def test_rows_with_figures_in_the_paper_bear_its_name_of_the_method():

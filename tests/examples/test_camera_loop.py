@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from examples import camera_loop
-from pipelines.frames.camera_files import camera_from_mapping
-from pipelines.frames.lens import BROWN, Distortion
+from pipelines.frames.cameras.camera_files import camera_from_mapping
+from pipelines.frames.cameras.lens import BROWN, Distortion
 from tests.examples.tabletop_frame import COLOR, DEPTH, LENS, doubtful_detector, light_detector
 
 FRAME = camera_loop.CameraFrame(

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from pipelines.errors import FormatError
-from pipelines.frames.camera_files import CameraFile
+from pipelines.frames.cameras.camera_files import CameraFile
 from pipelines.frames.frames_record import FramesRecord
 from pipelines.frames.rgbd_folder import FrameOptions
 from pipelines.storage.provenance import Stamp, make_stamp

@@ -15,7 +15,7 @@ from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.inference import models
 from pipelines.inference.frame_grasps import Planner
 from pipelines.inference.plans import Plan, with_pieces
-from pipelines.inference.regions import Region, pieces_of
+from pipelines.inference.regions.regions import Region, pieces_of
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
 from tests.inference.stand_ins import Detection, Detector, Prediction
 

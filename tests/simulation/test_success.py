@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from pipelines.evaluation.trial_records import FrameTrials, Outcome, TrialRecord
+from pipelines.evaluation.runs.trial_records import FrameTrials, Outcome, TrialRecord
 from pipelines.simulation.success import (
     outcome_counts,
     success_rates,

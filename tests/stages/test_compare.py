@@ -19,8 +19,6 @@ from pipelines.errors import (
     SymgraspError,
     UnknownNameError,
 )
-from pipelines.evaluation.bootstrap_units import VIEWS_NOTE
-from pipelines.evaluation.figures import report_rows
 from pipelines.evaluation.graspnet.dump_verdicts import (
     FrameVerdicts,
     read_dump_verdicts,
@@ -28,8 +26,11 @@ from pipelines.evaluation.graspnet.dump_verdicts import (
     write_dump_verdicts,
 )
 from pipelines.evaluation.graspnet.graspnet_figures import DumpTotals
-from pipelines.evaluation.paired_runs import EvaluatedRun
-from pipelines.evaluation.records import (
+from pipelines.evaluation.reports.figures import report_rows
+from pipelines.evaluation.reports.reports import write_report
+from pipelines.evaluation.runs.bootstrap_units import VIEWS_NOTE
+from pipelines.evaluation.runs.paired_runs import EvaluatedRun
+from pipelines.evaluation.runs.records import (
     FrameRecord,
     RowRecord,
     ScoredPredictions,
@@ -37,9 +38,8 @@ from pipelines.evaluation.records import (
     records_folder,
     write_frame_records,
 )
-from pipelines.evaluation.reports import write_report
-from pipelines.evaluation.tallies import ReportTally
-from pipelines.evaluation.trial_records import (
+from pipelines.evaluation.runs.tallies import ReportTally
+from pipelines.evaluation.runs.trial_records import (
     FrameTrials,
     Outcome,
     TrialRecord,

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from pipelines import convert_frames
 from pipelines.configs import ConvertFramesConfig
 from pipelines.errors import StaleOutputError, SymgraspError, ValueRangeError
-from pipelines.frames.camera_files import CameraFile
+from pipelines.frames.cameras.camera_files import CameraFile
 from pipelines.frames.frames import find_frames
 from pipelines.frames.rgbd_folder import FrameOptions
 from pipelines.storage.provenance import make_stamp, write_sidecar

@@ -18,10 +18,11 @@ from pipelines.configs import EvaluateConfig, EvaluateDumpConfig, ExportConfig, 
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.meshes import read_mesh, write_mesh
 from pipelines.errors import FormatError, StaleOutputError, SymgraspError, ValueRangeError
-from pipelines.evaluation import other_runs, reports
-from pipelines.evaluation.bootstrap_units import VIEWS_NOTE
-from pipelines.evaluation.records import read_frame_records, records_folder
+from pipelines.evaluation.reports import reports
 from pipelines.evaluation.rows import BASELINE_ROWS
+from pipelines.evaluation.runs import other_runs
+from pipelines.evaluation.runs.bootstrap_units import VIEWS_NOTE
+from pipelines.evaluation.runs.records import read_frame_records, records_folder
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_stream import read_dataset_frames, read_index, read_results
 from pipelines.grasp_files.grasps_tables import FrameResult

@@ -16,9 +16,9 @@ from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.signed_distance import write_sdf
 from pipelines.dataset.meshes import read_mesh, write_mesh
 from pipelines.errors import FormatError, StaleOutputError
-from pipelines.evaluation import reports
 from pipelines.evaluation.graspnet.dump_verdicts import read_dump_verdicts, scenes_folder
 from pipelines.evaluation.graspnet.graspnet_truth import grid_object
+from pipelines.evaluation.reports import reports
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.numerics.single_precision import single_precision_grid
 from pipelines.geometry.transforms import rotation_about

@@ -9,10 +9,10 @@ import pytest
 from pipelines import evaluate
 from pipelines.configs import EvaluateConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
-from pipelines.evaluation import reports
 from pipelines.evaluation.baselines import Baselines
 from pipelines.evaluation.frame_scores import assign_regions
 from pipelines.evaluation.predictions import FramePredictions
+from pipelines.evaluation.reports import reports
 from pipelines.evaluation.truth import TruthReader
 from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasp_files.gripper_files import load_gripper

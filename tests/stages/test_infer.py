@@ -29,9 +29,9 @@ from pipelines.errors import (
 )
 from pipelines.frames.frames import find_frames
 from pipelines.grasp_files import grasps_file
-from pipelines.inference import infer_run
 from pipelines.inference.models import GRASP_CRITIC_WEIGHTS
-from pipelines.inference.run_settings import RunSettings
+from pipelines.inference.runs import infer_run
+from pipelines.inference.runs.run_settings import RunSettings
 from pipelines.runtime.batch import BatchOptions
 from pipelines.storage import provenance
 from pipelines.storage.files import write_json

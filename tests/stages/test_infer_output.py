@@ -6,7 +6,7 @@ from pipelines import infer
 from pipelines.configs import InferConfig
 from pipelines.errors import SymgraspError
 from pipelines.grasp_files import grasps_file
-from pipelines.inference.run_settings import InferPaths
+from pipelines.inference.runs.run_settings import InferPaths
 from pipelines.runtime.batch import BatchOptions
 from tests.geometry.tabletops import Box
 from tests.stages.test_infer import write_frame

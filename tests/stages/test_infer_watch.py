@@ -22,9 +22,9 @@ from pipelines import infer, infer_watch
 from pipelines.configs import InferConfig, WatchConfig
 from pipelines.errors import StaleOutputError, SymgraspError, WriteError
 from pipelines.grasp_files import grasps_file
-from pipelines.inference import following
-from pipelines.inference.frame_workers import MAX_THREADS
-from pipelines.inference.watching import Clock
+from pipelines.inference.runs import following
+from pipelines.inference.runs.frame_workers import MAX_THREADS
+from pipelines.inference.runs.watching import Clock
 from pipelines.runtime.batch import BatchOptions
 from symgrasp_cli.app import app
 from tests.grasp_files.whole_file import read_whole

@@ -21,7 +21,7 @@ from pipelines.dataset.symmetry import symmetry_labels
 from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries
 from pipelines.errors import FormatError, StaleOutputError, SymgraspError, UnknownNameError
 from pipelines.evaluation.rows import BASELINE_ROWS
-from pipelines.evaluation.trial_records import read_trials
+from pipelines.evaluation.runs.trial_records import read_trials
 from pipelines.frames.graspnet_scene import ObjectPose, write_annotation, write_meta
 from pipelines.geometry.meshes import convex_decomposition
 from pipelines.geometry.transforms import invert, make_pose

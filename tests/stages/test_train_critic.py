@@ -20,7 +20,7 @@ from pipelines.grasping.critics import critic_files
 from pipelines.grasping.symmetries.axis_evidence import AXIS_FEATURES
 from pipelines.inference import models
 from pipelines.inference.observation import observe
-from pipelines.inference.predicted_regions import region_models
+from pipelines.inference.regions.predicted_regions import region_models
 from pipelines.learning.critics import collecting, critic_rows
 from pipelines.learning.critics.collecting import Collector, ModelPaths
 from pipelines.learning.critics.critic_training import CriticTraining

@@ -11,7 +11,7 @@ import pytest
 from typer.main import get_command
 
 from benchmarks import ablations
-from pipelines.evaluation.reports import read_table
+from pipelines.evaluation.reports.reports import read_table
 from pipelines.evaluation.rows import KNOWN_ROWS, SELECTED
 from symgrasp_cli.app import app
 from tools import controls, row_costs

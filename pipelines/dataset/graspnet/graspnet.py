@@ -27,8 +27,8 @@ from pipelines.dataset.graspnet.graspnet_layout import (
     frame_key,
 )
 from pipelines.errors import FormatError, SymgraspError, UnknownNameError
-from pipelines.frames.camera_files import CameraFile, read_camera_file
-from pipelines.frames.depth_checks import MISSING_DEPTH
+from pipelines.frames.cameras.camera_files import CameraFile, read_camera_file
+from pipelines.frames.depth.depth_checks import MISSING_DEPTH
 from pipelines.frames.graspnet_scene import CAMERAS, ObjectPose, read_poses
 from pipelines.frames.rgbd import DepthUnits, Frame, read_depth, read_pair
 from pipelines.geometry.camera import Intrinsics

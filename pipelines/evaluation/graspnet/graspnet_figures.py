@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from pipelines.array_types import Array
 from pipelines.dataset.graspnet.graspnet_layout import SPLITS, split_or_none
 from pipelines.evaluation.graspnet.dump_verdicts import DUMP_STATUSES
-from pipelines.evaluation.tables import Table
-from pipelines.evaluation.tallies import ALL
+from pipelines.evaluation.reports.tables import Table
+from pipelines.evaluation.runs.tallies import ALL
 from pipelines.metrics.graspnet.graspnet_ap import AP_FRICTIONS, RANKS
 from pipelines.metrics.graspnet.graspnet_frames import DUMP_REASONS
 

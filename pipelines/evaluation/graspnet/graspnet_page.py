@@ -11,7 +11,7 @@ from pipelines.evaluation.pages.report_page import (
     listed_notes,
     provenance_table,
 )
-from pipelines.evaluation.tallies import ALL
+from pipelines.evaluation.runs.tallies import ALL
 from pipelines.metrics.graspnet.graspnet_ap import RANKS
 from pipelines.metrics.graspnet.graspnet_frames import DUMP_REASONS
 from pipelines.pictures.pages import rendered

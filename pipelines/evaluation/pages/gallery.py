@@ -15,8 +15,8 @@ from pipelines.array_types import Mask
 from pipelines.dataset import object_list
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.errors import SymgraspError
-from pipelines.evaluation.records import FrameRecord
 from pipelines.evaluation.rows import OURS, ordered_rows, report_row
+from pipelines.evaluation.runs.records import FrameRecord
 from pipelines.grasp_files.grasps_stream import read_index, read_results
 from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.metrics.grasp_verdicts import Verdict

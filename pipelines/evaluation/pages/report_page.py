@@ -5,13 +5,13 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.errors import counted
-from pipelines.evaluation import published
 from pipelines.evaluation.pages.charts import LineChart, Series
 from pipelines.evaluation.pages.gallery import Gallery
-from pipelines.evaluation.published import Published
+from pipelines.evaluation.reports import published
+from pipelines.evaluation.reports.published import Published
+from pipelines.evaluation.reports.tables import Table, report_sections
 from pipelines.evaluation.rows import OURS, PAPER_METHOD, report_row
-from pipelines.evaluation.tables import Table, report_sections
-from pipelines.evaluation.tallies import ALL
+from pipelines.evaluation.runs.tallies import ALL
 from pipelines.geometry.symmetry import SYMMETRY_KINDS
 from pipelines.metrics.grasp_verdicts import REASONS
 from pipelines.pictures.pages import rendered

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from pipelines.contents import mapping_in
 from pipelines.errors import FormatError, SymgraspError
-from pipelines.frames.camera_files import CameraFile
+from pipelines.frames.cameras.camera_files import CameraFile
+from pipelines.frames.cameras.lens import NO_DISTORTION, distortion_in
 from pipelines.frames.encodings.ros_images import (
     COLOR_ENCODINGS,
     DEPTH_ENCODINGS,
@@ -34,7 +35,6 @@ from pipelines.frames.encodings.ros_topics import (
     with_info,
 )
 from pipelines.frames.encodings.yaml_files import read_yaml
-from pipelines.frames.lens import NO_DISTORTION, distortion_in
 from pipelines.storage.files import existing
 
 IMAGE, CAMERA = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.errors import FormatError, SymgraspError
-from pipelines.frames.camera_files import CameraFile, camera_from_mapping, units_of
+from pipelines.frames.cameras.camera_files import CameraFile, camera_from_mapping, units_of
 from pipelines.frames.encodings.plain_pickle import read_plain_pickle
 from pipelines.frames.image_names import ALIGNED_DEPTH
 from pipelines.frames.layouts.layout import FoundFrame, Layout

@@ -9,7 +9,7 @@ import functools
 from collections.abc import Iterator
 from pathlib import Path
 
-from pipelines.frames.camera_files import SIXD_INDEX
+from pipelines.frames.cameras.camera_files import SIXD_INDEX
 from pipelines.frames.layouts.layout import FoundFrame, Layout
 from pipelines.frames.layouts.paired import holds_text, read_paired
 from pipelines.frames.rgbd_folder import FrameOptions, sister_pairs

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.errors import FormatError
-from pipelines.frames.camera_files import read_camera_file
-from pipelines.frames.camera_search import own_camera_file, shared_camera_file
+from pipelines.frames.cameras.camera_files import read_camera_file
+from pipelines.frames.cameras.camera_search import own_camera_file, shared_camera_file
+from pipelines.frames.depth.scale_files import read_scale, scale_file
 from pipelines.frames.layouts.layout import FoundFrame
 from pipelines.frames.rgbd import DepthUnits, Frame
 from pipelines.frames.rgbd_folder import (
@@ -21,7 +22,6 @@ from pipelines.frames.rgbd_folder import (
     read_with_camera,
     sister_pairs,
 )
-from pipelines.frames.scale_files import read_scale, scale_file
 from pipelines.frames.unread_files import unread_partner
 
 SAME_CAMERA = 0.5  # pixels by which rounded intrinsics of one camera may differ

@@ -16,10 +16,10 @@ from scipy.optimize import least_squares
 
 from pipelines.array_types import Array
 from pipelines.errors import FormatError
-from pipelines.frames.camera_files import CameraFile
+from pipelines.frames.cameras.camera_files import CameraFile
+from pipelines.frames.cameras.lens import BROWN, NO_DISTORTION, Distortion
 from pipelines.frames.encodings.pcd_files import read_pcd
 from pipelines.frames.layouts.layout import FoundFrame, Layout
-from pipelines.frames.lens import BROWN, NO_DISTORTION, Distortion
 from pipelines.frames.rgbd import Frame, make_frame
 from pipelines.frames.rgbd_folder import FrameOptions
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from pipelines.errors import FormatError, SymgraspError
-from pipelines.frames.camera_search import where_a_camera_may_be
+from pipelines.frames.cameras.camera_search import where_a_camera_may_be
 from pipelines.frames.encodings.ros_bags import (
     Recorded,
     find_cameras,

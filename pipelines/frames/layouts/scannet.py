@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.frames.camera_files import CameraFile, read_camera_file
+from pipelines.frames.cameras.camera_files import CameraFile, read_camera_file
 from pipelines.frames.image_names import view_of
 from pipelines.frames.layouts.layout import FoundFrame, Layout
 from pipelines.frames.layouts.paired import read_paired

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import TypeVar
 
 from pipelines.errors import FormatError
-from pipelines.frames.camera_files import CameraFile
-from pipelines.frames.camera_search import find_camera_file
+from pipelines.frames.cameras.camera_files import CameraFile
+from pipelines.frames.cameras.camera_search import find_camera_file
+from pipelines.frames.cameras.lens import BROWN, NO_DISTORTION, Distortion
 from pipelines.frames.layouts.layout import FoundFrame, Layout
-from pipelines.frames.lens import BROWN, NO_DISTORTION, Distortion
 from pipelines.frames.rgbd_folder import FrameOptions, read_with_camera
 from pipelines.storage.files import existing, is_file, real_path
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from pipelines.array_types import Array
 from pipelines.errors import ValueRangeError
+from pipelines.frames.cameras.hand_eye import HandEye, find_frame_pose, read_hand_eye
 from pipelines.frames.frame_names import shared_last_parts
-from pipelines.frames.hand_eye import HandEye, find_frame_pose, read_hand_eye
 from pipelines.grasping.gripper import Gripper
 
 log = logging.getLogger(__name__)

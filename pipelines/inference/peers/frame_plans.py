@@ -17,7 +17,7 @@ from pipelines.grasping.ranking.ranking import non_maximum_suppression
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.inference.observation import Observation
 from pipelines.inference.plans import Plan
-from pipelines.inference.regions import REST, Region
+from pipelines.inference.regions.regions import REST, Region
 from pipelines.metrics.graspnet.graspnet_ap import NMS_ANGLE, NMS_DISTANCE
 
 MOST_GRASPS = 300  # of a frame

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from pipelines.grasping.gripper import Gripper
 from pipelines.inference.peers.frame_plans import FrameMethod
-from pipelines.inference.predicted_regions import RegionMethod
+from pipelines.inference.regions.predicted_regions import RegionMethod
 from pipelines.storage.files import existing
 
 

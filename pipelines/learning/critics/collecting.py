@@ -26,7 +26,11 @@ from pipelines.grasping.symmetries.region_evidence import RegionEvidence
 from pipelines.grasping.symmetries.sources import SOURCE_BITS
 from pipelines.inference import models
 from pipelines.inference.observation import observe
-from pipelines.inference.predicted_regions import PredictedRegion, predicted_regions, region_models
+from pipelines.inference.regions.predicted_regions import (
+    PredictedRegion,
+    predicted_regions,
+    region_models,
+)
 from pipelines.learning.critics.critic_rows import CriticRows
 from pipelines.learning.critics.kinds import CriticKind
 from pipelines.learning.critics.truth import symmetry_truth

@@ -11,7 +11,7 @@ from pipelines.evaluation.pages.gallery import (
     _spread,
     _window,
 )
-from pipelines.evaluation.records import FrameRecord, RowRecord, ScoredPredictions
+from pipelines.evaluation.runs.records import FrameRecord, RowRecord, ScoredPredictions
 from pipelines.metrics.grasp_verdicts import Verdict
 from pipelines.pictures.overlays import draw_overlay
 from tests.pictures.grasp_page.toys import toy_frame, toy_result

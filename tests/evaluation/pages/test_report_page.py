@@ -3,11 +3,11 @@
 from dataclasses import replace
 from pathlib import Path
 
-from pipelines.evaluation.figures import report_curves, report_rows
 from pipelines.evaluation.pages.gallery import Gallery, Picture, Tag
 from pipelines.evaluation.pages.report_page import report_page
-from pipelines.evaluation.records import FrameRecord, RowRecord, ScoredPredictions
-from pipelines.evaluation.tallies import ReportTally
+from pipelines.evaluation.reports.figures import report_curves, report_rows
+from pipelines.evaluation.runs.records import FrameRecord, RowRecord, ScoredPredictions
+from pipelines.evaluation.runs.tallies import ReportTally
 from pipelines.metrics.grasp_verdicts import REASONS, Verdict
 from tests.evaluation.page_reader import Reader
 

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from pipelines.errors import FormatError
-from pipelines.frames.camera_files import read_camera_file, read_units
-from pipelines.frames.camera_search import find_camera_file
-from pipelines.frames.lens import BROWN, FISHEYE
+from pipelines.frames.cameras.camera_files import read_camera_file, read_units
+from pipelines.frames.cameras.camera_search import find_camera_file
+from pipelines.frames.cameras.lens import BROWN, FISHEYE
 
 FOUR = (600.0, 601.0, 320.0, 240.0)
 MATRIX = "600. 0. 320. 0. 601. 240. 0. 0. 1."

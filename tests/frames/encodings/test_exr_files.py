@@ -13,7 +13,6 @@ from pipelines.frames.encodings.exr_files import read_exr
 from pipelines.frames.frames import find_frames
 from tests.frames.layouts import build
 
-CASE = Path(__file__).parents[4] / "shared/cases/exr_transparent"
 METRES = build.depth(0).astype(np.float32) / 1000
 
 
@@ -94,9 +93,8 @@ def test_the_size_is_bounded_before_pixels_are_read(
         read_exr(write(tmp_path / "d.exr", Z=METRES))
 
 
-@pytest.mark.skipif(not CASE.exists(), reason="needs ../shared/cases")
-def test_the_shared_transparent_frame_is_read() -> None:
-    (source,) = find_frames(CASE)
+def test_the_shared_transparent_frame_is_read(shared: Path) -> None:
+    (source,) = find_frames(shared / "cases/exr_transparent")
     frame = source.read()
     near, far = np.percentile(frame.depth[frame.depth > 0], (1, 99))
     assert (frame.depth.shape, frame.intrinsics.fx) == ((720, 1280), 921.0)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from pipelines.errors import FormatError
-from pipelines.frames.camera_files import read_camera_file
+from pipelines.frames.cameras.camera_files import read_camera_file
 from pipelines.frames.encodings.yaml_files import read_yaml
 
 FOUR = (60.0, 61.0, 31.5, 23.5)

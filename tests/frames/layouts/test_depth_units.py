@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from pipelines.errors import FormatError
-from pipelines.frames.camera_files import CameraFile, parse_camera
+from pipelines.frames.cameras.camera_files import CameraFile, parse_camera
 from pipelines.frames.frames import find_frames
 from pipelines.frames.layouts.scannet import COLOR_CAMERA, DEPTH_CAMERA
 from pipelines.frames.rgbd import DepthUnits

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from pipelines.errors import SymgraspError
-from pipelines.frames.camera_files import CameraFile
+from pipelines.frames.cameras.camera_files import CameraFile
 from pipelines.frames.frames import find_frames
 from pipelines.frames.layouts.registry import LAST_RESORT, LAYOUTS
 from pipelines.frames.rgbd import Frame

@@ -12,7 +12,7 @@ from hypothesis import given
 from numpy.testing import assert_array_equal
 
 from pipelines.errors import FormatError, SymgraspError
-from pipelines.frames.camera_files import CameraFile
+from pipelines.frames.cameras.camera_files import CameraFile
 from pipelines.frames.encodings.ros_bags import CAMERA, COMPRESSED, IMAGE, open_bag
 from pipelines.frames.frames import find_frames
 from pipelines.frames.rgbd_folder import FrameOptions

@@ -11,14 +11,13 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from pipelines.errors import FormatError
+from pipelines.frames.cameras.lens import BROWN, NO_DISTORTION, Distortion
 from pipelines.frames.frames import find_frames
-from pipelines.frames.lens import BROWN, NO_DISTORTION, Distortion
 from pipelines.storage.images import encode_image
 from tests.frames.layouts import build
 from tests.frames.layouts.test_rosbag import TOPICS, write_bag
 
 pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
-CASES = Path(__file__).parents[4] / "shared/cases/bag_compressed"
 A, B = 40.0, -2.0
 DEPTH_TOPIC = TOPICS["depth"] + "/compressedDepth"
 
@@ -152,13 +151,12 @@ def test_rectified_images_take_the_projection_matrix_and_no_lens(tmp_path: Path)
     assert frame.intrinsics.fx == build.FOUR[0] + 5.0
 
 
-@pytest.mark.skipif(not CASES.exists(), reason="needs ../shared/cases")
 @pytest.mark.parametrize(
     ("case", "count"),
     [("jpg_cdepth", 3), ("jpg_pngdepth", 1), ("jpg_rawdepth", 1), ("raw_cdepth", 1)],
 )
-def test_the_shared_bags_are_read(case: str, count: int) -> None:
-    frames = [source.read() for source in find_frames(CASES / case)]
+def test_the_shared_bags_are_read(case: str, count: int, shared: Path) -> None:
+    frames = [source.read() for source in find_frames(shared / "cases/bag_compressed" / case)]
     assert [frame.depth.shape for frame in frames] == [(360, 640)] * count
     near, far = np.percentile(frames[0].depth[frames[0].depth > 0], (1, 99))
     assert (round(float(near), 3), round(float(far), 3)) == (0.267, 0.585)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pipelines.errors import FormatError
-from pipelines.frames.camera_files import CameraFile
+from pipelines.frames.cameras.camera_files import CameraFile
 from pipelines.frames.frames import find_frames
 from pipelines.frames.layouts.scannet import seen_by
 from pipelines.geometry.camera import Intrinsics

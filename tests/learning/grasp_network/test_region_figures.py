@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from pipelines.configs import NetworkConfig
 from pipelines.grasping.scene import RegionCloud
-from pipelines.inference.predicted_regions import predicted_regions
+from pipelines.inference.regions.predicted_regions import predicted_regions
 from pipelines.learning.grasp_network.region_figures import (
     RegionFigures,
     area_under_roc,

@@ -1,0 +1,1 @@
+"""Records of runs over a dataset: written, read again, paired by frames."""

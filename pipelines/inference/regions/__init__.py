@@ -1,0 +1,1 @@
+"""The regions of one frame, from the detector, depth and colour, and their fitted models."""

@@ -1,0 +1,1 @@
+"""Runs of `infer` over many frames: settings, workers, parts, frames as they arrive."""

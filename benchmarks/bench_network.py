@@ -22,9 +22,9 @@ from pipelines.learning.grasp_network.grasp_training import Sample, sample_loss
 from pipelines.network.cpu.products import linear
 from pipelines.network.detection.detector import detector_image
 from pipelines.network.detection.mask_rcnn import build_detector
-from pipelines.network.losses import NUM_ERROR_POINTS
 from pipelines.network.model import SymmetryGraspNet
-from pipelines.network.region_batch import RegionBatch
+from pipelines.network.training.losses import NUM_ERROR_POINTS
+from pipelines.network.training.region_batch import RegionBatch
 from pipelines.network.weights_files import read_weights
 from pipelines.tabletop.depth_channels import height_plane
 from tests.network.plain_network import PlainNetwork

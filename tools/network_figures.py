@@ -20,9 +20,9 @@ from pipelines.inference import models
 from pipelines.learning.grasp_network.grasp_training import VALIDATION_BATCH, GraspTraining
 from pipelines.learning.grasp_network.region_sources import RegionSet, TrainingRegions
 from pipelines.learning.loop.loaders import load_regions
-from pipelines.network.augmentation import scaled_copy
 from pipelines.network.model import UNITS_PER_METER, SymmetryGraspNet
-from pipelines.network.region_batch import RegionBatch
+from pipelines.network.training.augmentation import scaled_copy
+from pipelines.network.training.region_batch import RegionBatch
 from pipelines.network.weights_files import fill, read_weights
 
 

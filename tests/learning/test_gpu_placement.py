@@ -13,9 +13,10 @@ from torch._subclasses.fake_tensor import FakeTensorMode
 from torch.utils._python_dispatch import _disable_current_modes
 
 from pipelines.learning.grasp_network.grasp_training import Sample, augmented, sample_loss
-from pipelines.network import devices, matching
+from pipelines.network import devices
 from pipelines.network.cpu.folding import folded
 from pipelines.network.model import SymmetryGraspNet
+from pipelines.network.training import matching
 from tests.learning.packed_toys import CONFIG
 from tests.network.toy_regions import toy_batch
 

@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from pipelines.geometry.transforms import random_rotation, rotation_about
-from pipelines.network.region_batch import RegionBatch
+from pipelines.network.training.region_batch import RegionBatch
 
 DOWN = np.array([[1.0, 0, 0], [0, -0.5, -0.866], [0, 0.866, -0.5]])  # table up to camera axes
 

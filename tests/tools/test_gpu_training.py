@@ -32,10 +32,10 @@ from pipelines.learning.detector.detector_start import starting_detector
 from pipelines.learning.detector.frame_views import random_example
 from pipelines.learning.grasp_network.grasp_training import sample_loss
 from pipelines.learning.loop.loaders import draw_points
-from pipelines.network import augmentation
 from pipelines.network.detection.detector import MODEL_NAME
 from pipelines.network.detection.mask_rcnn import build_detector
 from pipelines.network.model import SymmetryGraspNet
+from pipelines.network.training import augmentation
 from pipelines.network.weights_files import read_weights, weights_metadata
 from pipelines.storage.checkpoints import save_weights
 from pipelines.synthesis.endless import EndlessScenes

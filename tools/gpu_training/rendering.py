@@ -16,7 +16,7 @@ from torch import Tensor
 from pipelines.configs import TrainConfig
 from pipelines.dataset.training.packed_regions import PackedRegion
 from pipelines.errors import SymgraspError
-from pipelines.network.region_batch import RegionBatch
+from pipelines.network.training.region_batch import RegionBatch
 from pipelines.tabletop.levelling import level_axes, table_of_row
 from tools.gpu_training.labelled_objects import scenes_of_file
 

@@ -15,10 +15,11 @@ from pipelines.configs.settings import changed, changed_by_text
 from pipelines.errors import ValueRangeError, errors_as_sentences
 from pipelines.learning.grasp_network.grasp_training import Sample, sample_loss
 from pipelines.learning.loop.loop import CLIP_NORM, LOG_SECONDS
-from pipelines.network import augmentation, pointnet2, sampling
-from pipelines.network.losses import NUM_ERROR_POINTS
+from pipelines.network import pointnet2, sampling
 from pipelines.network.model import SymmetryGraspNet
-from pipelines.network.region_batch import RegionBatch
+from pipelines.network.training import augmentation
+from pipelines.network.training.losses import NUM_ERROR_POINTS
+from pipelines.network.training.region_batch import RegionBatch
 from pipelines.network.weights_files import weights_metadata
 from pipelines.storage.checkpoints import save_weights
 from pipelines.train import build

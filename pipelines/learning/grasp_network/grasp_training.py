@@ -18,12 +18,12 @@ from pipelines.learning.loop.faults import Fault
 from pipelines.learning.loop.loaders import load_regions
 from pipelines.learning.speed.micro_batches import micro_batch_size
 from pipelines.learning.speed.processes import Processes
-from pipelines.network.augmentation import augment, scaled_copy
 from pipelines.network.cpu.folding import folded
-from pipelines.network.losses import NUM_ERROR_POINTS, total_loss
 from pipelines.network.model import SymmetryGraspNet
-from pipelines.network.region_batch import RegionBatch
 from pipelines.network.sampling import gather
+from pipelines.network.training.augmentation import augment, scaled_copy
+from pipelines.network.training.losses import NUM_ERROR_POINTS, total_loss
+from pipelines.network.training.region_batch import RegionBatch
 from pipelines.network.weights_files import fill
 
 VALIDATION_BATCH = 12

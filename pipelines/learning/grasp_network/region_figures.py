@@ -9,11 +9,11 @@ from torch import Tensor
 from pipelines.configs import EvaluateConfig
 from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
 from pipelines.geometry.symmetry_votes import mean_slots
-from pipelines.network.dense_error import reflection_errors, reflection_extent
-from pipelines.network.matching import NUM_REFLECTIONS, match_reflections
 from pipelines.network.model import Prediction
 from pipelines.network.predictor import VOTING_STRIDE
-from pipelines.network.region_batch import RegionBatch
+from pipelines.network.training.dense_error import reflection_errors, reflection_extent
+from pipelines.network.training.matching import NUM_REFLECTIONS, match_reflections
+from pipelines.network.training.region_batch import RegionBatch
 
 GRASPABLE = 0.5  # least affordance of a grasped point (Sec. III-E)
 HIT = EvaluateConfig.symmetry_thresholds[0]  # dense error below which a plane is found, D. 11

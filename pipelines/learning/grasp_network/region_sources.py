@@ -13,7 +13,7 @@ from pipelines.array_types import Indices
 from pipelines.configs import EndlessConfig, TrainConfig
 from pipelines.dataset.training.packed_regions import PackedReader, PackedRegion
 from pipelines.learning.loop.loaders import batch_of, draw_points, epoch_batches
-from pipelines.network.region_batch import RegionBatch
+from pipelines.network.training.region_batch import RegionBatch
 
 if TYPE_CHECKING:
     from pipelines.synthesis.endless_pool import EndlessPool

@@ -14,7 +14,7 @@ from pipelines.array_types import Indices, Singles
 from pipelines.configs import NetworkConfig
 from pipelines.dataset.training.packed_regions import PackedReader, PackedRegion
 from pipelines.errors import ValueRangeError
-from pipelines.network.region_batch import RegionBatch
+from pipelines.network.training.region_batch import RegionBatch
 from pipelines.tabletop.levelling import level_axes, table_of_row
 
 STOP_SECONDS = 0.5  # between checks whether to stop

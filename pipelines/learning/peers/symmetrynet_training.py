@@ -24,7 +24,6 @@ from pipelines.learning.peers.symmetrynet_regions import (
     stacked_regions,
     symmetrynet_frame,
 )
-from pipelines.network.matching import NUM_REFLECTIONS, assign
 from pipelines.network.peers.symmetrynet import (
     SYMMETRY_MODES,
     SYMMETRYNET_SIZES,
@@ -33,6 +32,7 @@ from pipelines.network.peers.symmetrynet import (
     SymmetryOutput,
 )
 from pipelines.network.peers.symmetrynet_input import normalised_colors
+from pipelines.network.training.matching import NUM_REFLECTIONS, assign
 
 ROUNDING = 0.01  # metres, added to the length that an error is divided by
 EXISTENCE_WEIGHT, CONSISTENCY_WEIGHT = 2.0, 0.5

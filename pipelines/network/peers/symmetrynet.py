@@ -16,8 +16,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from pipelines.configs.peers import PeerNetworkConfig
-from pipelines.network.matching import NUM_REFLECTIONS
 from pipelines.network.peers.symmetrynet_input import CROP_SIDE
+from pipelines.network.training.matching import NUM_REFLECTIONS
 
 SYMMETRY_MODES = ("plane", "axis", "both", "sphere")
 COLOR_DIM = 32

@@ -17,8 +17,8 @@ from pipelines.learning.grasp_network.region_figures import (
 )
 from pipelines.network.model import Prediction, SymmetryGraspNet
 from pipelines.network.predictor import GraspPredictor
-from tests.network.test_losses import perfect_prediction
 from tests.network.toy_regions import toy_batch
+from tests.network.training.test_losses import perfect_prediction
 
 
 def test_a_perfect_prediction_has_perfect_figures():

@@ -7,9 +7,9 @@ import torch
 
 from pipelines.configs import TrainConfig
 from pipelines.geometry.symmetry import SPHERE_SLOT
-from pipelines.network import losses
 from pipelines.network.model import Prediction
-from pipelines.network.region_batch import RegionBatch
+from pipelines.network.training import losses
+from pipelines.network.training.region_batch import RegionBatch
 from tests.network.toy_regions import toy_batch
 
 CONFIG = TrainConfig()

@@ -9,8 +9,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from pipelines.configs import AugmentationConfig
-from pipelines.network import augmentation
-from pipelines.network.region_batch import RegionBatch
+from pipelines.network.training import augmentation
+from pipelines.network.training.region_batch import RegionBatch
 from tests.network.toy_regions import toy_batch
 
 seeds = st.integers(0, 2**31 - 1)

@@ -5,8 +5,8 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from pipelines.network.dense_error import reflection_errors
-from pipelines.network.region_batch import RegionBatch
+from pipelines.network.training.dense_error import reflection_errors
+from pipelines.network.training.region_batch import RegionBatch
 
 NUM_REFLECTIONS = 3
 MAX_MATCHED = 96  # approximate number of points that vote on the assignment; chosen by eye

@@ -15,15 +15,15 @@ from torch.nn import functional
 from pipelines.configs import TrainConfig
 from pipelines.configs.learning import LossVariant
 from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
-from pipelines.network.dense_error import (
+from pipelines.network.model import Prediction
+from pipelines.network.training.dense_error import (
     reflection_errors,
     reflection_extent,
     rotation_errors,
     rotation_extent,
 )
-from pipelines.network.matching import NUM_REFLECTIONS, match_reflections
-from pipelines.network.model import Prediction
-from pipelines.network.region_batch import RegionBatch
+from pipelines.network.training.matching import NUM_REFLECTIONS, match_reflections
+from pipelines.network.training.region_batch import RegionBatch
 
 # All constants here are chosen by eye.
 # Added to the predicted affordance before Eq. 7 weights by it: a fresh network predicts 0.

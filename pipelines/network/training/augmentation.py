@@ -16,7 +16,7 @@ from torch.nn import functional
 
 from pipelines.configs import AugmentationConfig
 from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
-from pipelines.network.region_batch import RegionBatch
+from pipelines.network.training.region_batch import RegionBatch
 
 # Cosine below which two directions count as perpendicular; they count as parallel if it is within
 # the square of this number of 1, at up to 2.4 degrees.

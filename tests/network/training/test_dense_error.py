@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from pipelines.geometry import symmetry_error
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry
-from pipelines.network import dense_error
+from pipelines.network.training import dense_error
 
 seeds = st.integers(0, 2**31 - 1)
 

@@ -7,8 +7,8 @@ import pytest
 import torch
 from scipy.optimize import linear_sum_assignment
 
-from pipelines.network.dense_error import reflection_errors
-from pipelines.network.matching import assign, match_reflections
+from pipelines.network.training.dense_error import reflection_errors
+from pipelines.network.training.matching import assign, match_reflections
 from tests.network.toy_regions import toy_batch
 
 WEIGHT = torch.full((2, 5), 0.2)

@@ -1,0 +1,1 @@
+"""Training of the grasp network: labelled regions, augmentation, matching and losses."""

@@ -60,8 +60,7 @@ def ranked(confidence: Array, owner: Indices) -> Indices:
     `confidence`: (n,), in descending order. `owner`: (n,) the object of each grasp.
     """
     chosen = [np.flatnonzero(owner == each)[:PER_OBJECT] for each in np.unique(owner)]
-    index = np.concatenate(chosen) if chosen else np.zeros(0, np.int64)
-    index = index[np.argsort(-confidence[index], kind="stable")]
+    index = np.sort(np.concatenate(chosen)) if chosen else np.zeros(0, np.int64)
     last = confidence[index[min(RANKS, len(index)) - 1]] if len(index) else 0.0
     return np.asarray(index[confidence[index] >= last])
 

@@ -88,7 +88,7 @@ def test_among_ties_the_first_of_the_file_stays_and_leads():
     same = np.tile(np.eye(3), (4, 1, 1))
     apart = np.array([[0.0, 0, 0], [0, 0, 0.01], [0, 0, 1], [0, 0, 1.01]])
     assert suppress(np.full(4, 0.5), same, apart).tolist() == [0, 2]
-    assert ranked(np.full(3, 0.5), np.array([1, 0, 1])).tolist() == [1, 0, 2]
+    assert ranked(np.full(3, 0.5), np.array([1, 0, 1])).tolist() == [0, 1, 2]
 
 
 def test_ten_grasps_of_each_object_are_judged():

@@ -70,8 +70,8 @@ def run(
     `others`: further `grasps.h5` of the same frames, a row of the report each. `baselines`: also
     plan with ground truth, from the boundary, and at random by `seed`. `success`: each a
     `success.json` that `simulate` made of the grasps of a row, with the same gripper, dataset and
-    choice of objects.
-    `tables`: JSON files of further tables, shown unchanged. `unit`: of the intervals.
+    choice of objects. `tables`: JSON files of further tables, shown unchanged. `unit`: of the
+    intervals.
     """
     refuse_own_input(output, [*success, *tables])
     runs = ComparedRuns.of(grasps, others, dataset)

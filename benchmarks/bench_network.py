@@ -7,7 +7,6 @@ both.
 
 from collections.abc import Callable
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -24,10 +23,10 @@ from pipelines.network.detection.detector import detector_image
 from pipelines.network.detection.mask_rcnn import build_detector
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.training.losses import NUM_ERROR_POINTS
-from pipelines.network.training.region_batch import RegionBatch
 from pipelines.network.weights_files import read_weights
 from pipelines.tabletop.depth_channels import height_plane
 from tests.network.plain_network import PlainNetwork
+from tests.network.toy_regions import toy_batch
 
 NUM_REGIONS = 8
 MICRO_BATCH = 6  # regions that a training step takes at once on a CPU
@@ -48,7 +47,7 @@ def measure() -> list[Measurement]:
 def _forward() -> Measurement:
     network = models.predictor(models.NETWORK_WEIGHTS, "cpu").network
     tensors, config = read_weights(models.NETWORK_WEIGHTS, SymmetryGraspNet.__name__, NetworkConfig)
-    plain, points = PlainNetwork(tensors, config), _regions(NUM_REGIONS, config.num_points).points
+    plain, points = PlainNetwork(tensors, config), toy_batch(NUM_REGIONS, config.num_points).points
     with torch.inference_mode():
         slow = cpu_seconds_of(lambda: plain(points), 1)
         name = f"network: {NUM_REGIONS} regions of {config.num_points} points"
@@ -60,7 +59,7 @@ def _training_step() -> Measurement:
     """Return forward, loss and backward of a micro-batch and its scaled copy."""
     config, network = TrainConfig(), SymmetryGraspNet(NetworkConfig())
     size = MICRO_BATCH
-    truth = _regions(size, config.network.num_points)
+    truth = toy_batch(size, config.network.num_points)
     query = torch.rand(truth.points.shape[:2]).argsort(1)[:, : config.num_loss_points]
     copies = truth.mapped(1.1 * torch.eye(3).expand(size, 3, 3), torch.eye(3).expand(size, 3, 3))
     measured = torch.arange(NUM_ERROR_POINTS).expand(size, -1)
@@ -123,22 +122,3 @@ def _product_seconds() -> float:
     """Return the seconds of one large product of matrices."""
     a, b = torch.rand(2, SIDE, SIDE)
     return min(cpu_seconds_of(lambda: a @ b, 5), cpu_seconds_of(lambda: linear(a, b), 5))
-
-
-def _regions(size: int, count: int) -> RegionBatch:
-    """Return visible halves of ellipsoids, with three planes each."""
-    rng = np.random.default_rng(0)
-    points = rng.normal(size=(size, count, 3))
-    points /= np.linalg.norm(points, axis=-1, keepdims=True)
-    points[..., 2] = np.abs(points[..., 2])
-    points *= rng.uniform(0.02, 0.06, (size, 1, 3))
-    direction = np.concatenate([np.eye(3), np.zeros((2, 3))])
-    arrays = (
-        points - points.mean(1, keepdims=True),
-        rng.uniform(size=(size, count)),
-        np.tile([1.0, 1.0, 1.0, 0.0, 0.0], (size, 1)),
-        np.zeros((size, 5, 3)),
-        np.tile(direction, (size, 1, 1)),
-        np.full(size, 0.05),
-    )
-    return RegionBatch(*(torch.from_numpy(array).float() for array in arrays))

@@ -47,7 +47,7 @@ FEATURES = (
     "existence",  # of the network, before the fit
     "support",  # share of the seen surface that the fit explains
     "consistency",  # share of turned points on or behind the observed surface
-    "off_middle",  # distance to the middle of the outline, in widths of the outline
+    "off_middle",  # distance to the middle of the outline, in half widths of the outline
     "length",  # extent of the region along the axis, decimetres
     "radius",  # distance of the farthest points from the axis, decimetres
 )
@@ -58,7 +58,7 @@ class FittedAxes:
     """The k - 1 fitted axes of a region and, last of k, its fitted sphere. Camera frame.
 
     Attributes:
-        axes: k - 1.
+        axes: the k - 1 axes.
         sphere: the last candidate.
         shares: (k, 3), 0 to 1: existence, support and consistency of `FEATURES`.
         sources: (k,) bits `NETWORK` and `SHAPE`.
@@ -175,7 +175,7 @@ def _around(rows: Singles) -> Singles:
     """Return the parts (k, 128, 2) of the normals away from the axis and around it."""
     x, z = rows[..., PlanePointFeature.ALONG_NORMAL], rows[..., PlanePointFeature.ALONG_ACROSS]
     nx, nz = rows[..., PlanePointFeature.NORMAL_NORMAL], rows[..., PlanePointFeature.NORMAL_ACROSS]
-    radius = np.maximum(np.hypot(x, z), np.float32(10.0 * THINNEST))
+    radius = np.maximum(np.hypot(x, z), np.float32(mirror_views.LENGTH_SCALE * THINNEST))
     return np.stack([(nx * x + nz * z) / radius, (nx * z - nz * x) / radius], axis=2)
 
 
@@ -190,11 +190,10 @@ def _angles(axis: Array, region: RegionEvidence) -> Singles:
 
 def _sizes(axis: Array, foot: Array, mirrored: MirrorImages) -> list[Array]:
     """Return the last three of `FEATURES`, each (k,)."""
-    low, _, high = mirrored.sides.T
     along = quantiles(axis @ mirrored.points.T, ENDS)  # (k, 2)
     apart = np.linalg.norm(cross(mirrored.points - foot[:, None], axis[:, None]), axis=2)
     return [
-        np.minimum(np.abs(low + high) / np.maximum(high - low, 1e-3), 1.0),
-        10.0 * (along[:, 1] - along[:, 0]),
-        10.0 * quantiles(apart, ENDS[1:])[:, 0],
+        mirrored.off_middle,
+        mirror_views.LENGTH_SCALE * (along[:, 1] - along[:, 0]),
+        mirror_views.LENGTH_SCALE * quantiles(apart, ENDS[1:])[:, 0],
     ]

@@ -31,6 +31,7 @@ HEIGHTS = (-0.1, 0.5)  # metres above the table, caps
 # Per metre, or of a cap: they bring the features near one.
 LENGTH_SCALE, HEIGHT_SCALE, BEHIND_SCALE, GAP_SCALE = 10.0, 5.0, 20.0, 50.0
 AT_FARTHEST = 0.9  # feature of an image at `FARTHEST` or beyond
+FLAT = 0.001  # metres, least extent of the points that `off_middle` is relative to
 LEVEL = 0.3  # length of up in the plane below which the viewing direction replaces it
 
 
@@ -96,6 +97,12 @@ class MirrorImages:
         offset = np.einsum("ki,ki->k", normal, point)
         sides = quantiles(normal @ points.T, (ENDS[0], 0.5, ENDS[1])) - offset[:, None]
         return cls(points, normals, moved, images, distance, *met, sides)
+
+    @property
+    def off_middle(self) -> Array:
+        """Distances (k,) of the planes to the middle of the points, in half extents, up to 1."""
+        low, _, high = self.sides.T
+        return np.asarray(np.minimum(np.abs(low + high) / np.maximum(high - low, FLAT), 1.0))
 
     def features(self, frames: Array, foot: Array, mask: Mask, scene: SceneCloud) -> Singles:
         """Return the `POINT_FEATURES` (k, m, 14) of points under each plane.

@@ -33,7 +33,7 @@ FEATURES = (
     "on_surface",  # share of the mirror images on the seen surface
     "beside_surface",  # share next to the seen surface, but not on it
     "consistency",  # share outside of observed free space
-    "off_middle",  # distance to the middle of the seen points, in extents along the normal
+    "off_middle",  # distance to the middle of the seen points, in half extents along the normal
     "facing",  # share of the surface that faces along the normal
     "tilt",  # cosine with the table's normal
     "level",  # whether the plane is parallel to the table
@@ -94,13 +94,12 @@ def _evidence(
     free = in_observed_frustum(images.reshape(-1, 3), scene).reshape(images.shape[:2])
     near = mirrored.distance < BESIDE
     meets = (np.abs(mirrored.gap) < ON_SURFACE) & (mirrored.agreement > MATCH_NORMAL)
-    low, _, high = mirrored.sides.T
     tilt, off_halfway = _against_table(planes, normal, region)
     return {
         "on_surface": (near & meets).mean(axis=1),
         "beside_surface": (near & ~meets).mean(axis=1),
         "consistency": free.mean(axis=1),
-        "off_middle": np.minimum(np.abs(low + high) / np.maximum(high - low, 1e-3), 1.0),
+        "off_middle": mirrored.off_middle,
         "facing": (np.abs(region.normals @ normal.T) > FACING).mean(axis=0),
         "tilt": tilt,
         "level": tilt > LEVEL,

@@ -106,6 +106,16 @@ def test_without_a_table_heights_are_zero(box):
     assert np.isfinite(rows).all()
 
 
+def test_the_middle_is_half_way_between_the_ends_and_a_plane_at_an_end_is_all_of_it_off(box):
+    points, normals = box[1].points[::3].copy(), box[1].normals[::3].copy()
+    normal = unit([1.0, 2.0, 0.5])
+    low, high = np.quantile(points @ normal, [0.015, 0.985])
+    shares = np.array([0.5, 0.75, 1.0, 1.5])
+    planes = [ReflectionSymmetry(normal, (low + a * (high - low)) * normal) for a in shares]
+    off = MirrorImages.of(planes, points, normals).off_middle
+    np.testing.assert_allclose(off, [0.0, 0.5, 1.0, 1.0], atol=1e-9)
+
+
 @pytest.mark.parametrize("far", [False, True], ids=["near", "beside the picture"])
 def test_rows_of_each_plane_equal_those_of_numpy_arrays(box, far):
     scene, region, pose = box

@@ -6,17 +6,16 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.dataset.graspnet.graspnet_layout import SPLITS
-from pipelines.evaluation.reports.tables import Table
+from pipelines.evaluation.reports.tables import SUCCESS_KINDS, Table
 from pipelines.evaluation.rows import OURS, ordered_rows, report_row, rows_note
 from pipelines.evaluation.runs.records import number_key
+from pipelines.evaluation.runs.tallies import ALL
 from pipelines.evaluation.runs.trial_records import FORMAT_VERSION, HELD, FrameTrials, TrialRecord
-from pipelines.geometry.symmetry import SYMMETRY_KINDS
 from pipelines.metrics.success_rate import success_rate
 from pipelines.simulation.trial import TRIAL_OUTCOMES
 from pipelines.storage.files import write_json
 from pipelines.storage.provenance import Stamp
 
-KINDS = (*SYMMETRY_KINDS, "none", "all")
 Rates = dict[str, dict[str, dict[str, dict[str, Any]]]]
 OutcomeCounts = dict[str, dict[str, dict[str, int]]]
 
@@ -28,10 +27,10 @@ def success_rates(
     return {
         split: {
             kind: {
-                key: _rate([t for t in trials if kind in ("all", t.kind)], key)
+                key: _rate([t for t in trials if kind in (ALL, t.kind)], key)
                 for key in map(number_key, frictions)
             }
-            for kind in KINDS
+            for kind in SUCCESS_KINDS
         }
         for split, trials in _by_split(frames, row).items()
     }
@@ -98,10 +97,10 @@ def _by_split(frames: Sequence[FrameTrials], row: str) -> dict[str, list[TrialRe
         split: [
             trial
             for frame in frames
-            if split in ("all", frame.split)
+            if split in (ALL, frame.split)
             for trial in frame.rows.get(row, [])
         ]
-        for split in (*splits, "all")
+        for split in (*splits, ALL)
     }
 
 
@@ -128,10 +127,10 @@ def _row_table(content: Mapping[str, Any], frictions: Sequence[str]) -> Table:
     """Return a table of the rates of all methods by split, over all kinds of symmetry."""
     rows = {OURS: content, **content["baselines"]}
     body = tuple(
-        (report_row(row).title, split, *(_cell(kinds["all"][f]) for f in frictions))
+        (report_row(row).title, split, *(_cell(kinds[ALL][f]) for f in frictions))
         for row, found in rows.items()
         for split, kinds in found["success"].items()
-        if kinds["all"][frictions[0]]["trials"]
+        if kinds[ALL][frictions[0]]["trials"]
     )
     header = ("method", "split", *(f"mu {friction}" for friction in frictions))
     return Table("Success of all methods, percent", header, body, rows_note(rows), names=2)

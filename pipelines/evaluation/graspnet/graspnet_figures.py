@@ -16,13 +16,12 @@ from pipelines.dataset.graspnet.graspnet_layout import SPLITS, split_or_none
 from pipelines.evaluation.graspnet.dump_verdicts import DUMP_STATUSES
 from pipelines.evaluation.reports.tables import Table
 from pipelines.evaluation.runs.tallies import ALL
-from pipelines.metrics.graspnet.graspnet_ap import AP_FRICTIONS, RANKS
+from pipelines.metrics.graspnet.graspnet_ap import AP_FIGURES, AP_FRICTIONS, RANKS, ap_figures
 from pipelines.metrics.graspnet.graspnet_frames import DUMP_REASONS
 
 DumpFigures = dict[str, Any]
 
 TRAIN = "train"
-SHOWN = {"ap_0.8": AP_FRICTIONS.index(0.8), "ap_0.4": AP_FRICTIONS.index(0.4)}
 
 
 @dataclass
@@ -60,9 +59,8 @@ class DumpTotals:
         by_friction = self._mean(self.frames)
         present = self._mean(self.frames - self.absent)
         return {
-            "ap": _mean_or_none(by_friction),
-            **{name: None if by_friction is None else by_friction[i] for name, i in SHOWN.items()},
-            "ap_present": _mean_or_none(present),
+            **(dict.fromkeys(AP_FIGURES) if by_friction is None else ap_figures(by_friction)),
+            "ap_present": None if present is None else ap_figures(present)["ap"],
             "ap_by_friction": None
             if by_friction is None
             else {f"{mu:g}": ap for mu, ap in zip(AP_FRICTIONS, by_friction, strict=True)},
@@ -128,7 +126,7 @@ def scene_table(scenes: Mapping[str, DumpFigures]) -> Table:
         ("scene", "split", "AP", "AP 0.8", "AP 0.4", *DUMP_REASONS, "grasps", "frames", "absent"),
         tuple(
             (
-                *(name, f["split"], *(percent(f[key]) for key in ("ap", *SHOWN))),
+                *(name, f["split"], *(percent(f[key]) for key in AP_FIGURES)),
                 *(*_shares(f["reasons"]), str(f["frames"]), str(f["frames_absent"])),
             )
             for name, f in scenes.items()
@@ -142,7 +140,7 @@ def dump_tables(rows: Mapping[str, Mapping[str, DumpFigures]]) -> list[Table]:
     cells = [(row, split, f) for row, splits in rows.items() for split, f in splits.items()]
     cells = [cell for cell in cells if cell[2]["frames"]]
     header = ("camera", "split", "AP", "AP 0.8", "AP 0.4", "AP present", "scenes", "frames")
-    names = ("ap", "ap_0.8", "ap_0.4", "ap_present")
+    names = (*AP_FIGURES, "ap_present")
     precision = Table(
         "Average precision by GraspNet's protocol, percent",
         (*header, "absent"),
@@ -169,10 +167,6 @@ def _shares(reasons: Mapping[str, int]) -> list[str]:
     total = sum(reasons.values())
     shares = [percent(reasons.get(r, 0) / total if total else None) for r in DUMP_REASONS]
     return [*shares, str(total)]
-
-
-def _mean_or_none(values: list[float] | None) -> float | None:
-    return None if values is None else float(np.mean(values))
 
 
 def percent(share: float | None) -> str:

@@ -155,7 +155,7 @@ def _graspnet_ap(row: RowTally) -> dict[str, float | None]:
     """Return AP by GraspNet's protocol, over all frictions and at two single frictions."""
     if not row.with_accuracy:
         return dict.fromkeys(AP_FIGURES)
-    return {**ap_figures(row.accuracy / row.with_accuracy)}
+    return dict(ap_figures(row.accuracy / row.with_accuracy))
 
 
 def _mask_ap(row: RowTally) -> dict[str, float | None]:

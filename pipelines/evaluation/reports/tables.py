@@ -23,7 +23,7 @@ from pipelines.metrics.graspnet.graspnet_ap import AP_FIGURES
 ReportRows = Mapping[str, Mapping[str, Figures]]
 
 UNSEEN = ("similar", "novel")
-SUCCESS_KINDS = ("reflection", "rotation", "sphere", "none", ALL)
+SUCCESS_KINDS = (*SYMMETRY_KINDS, "none", ALL)
 TABLE_FRICTION = "0.5"  # of the simulated trials that are shown by split, and in FIGURES
 NO_SUCCESS = (
     "SymGrasp was not simulated: `symgrasp simulate`, then `symgrasp evaluate --success "

@@ -12,6 +12,7 @@ import numpy as np
 from pipelines.array_types import Array, Indices, Singles, SingleVector
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.meshes.signed_distance import (
+    NARROW_BAND,
     NODES,
     SignedDistanceGrid,
     node_pairs,
@@ -22,20 +23,21 @@ from pipelines.geometry.transforms import unit
 
 IN_PLANE = 1e-30  # metres, instead of a height of zero
 TOUCHING = 1e-3  # spacings; a node nearer than this counts as on the surface
-BAND = 2.5  # spacings; contacts and normals are read from nodes within 2.3
 
 
 def single_precision_grid(mesh: Mesh) -> SignedDistanceGrid:
-    """Return `signed_distance_grid` with the values within `BAND` in single precision.
+    """Return `signed_distance_grid` with the values within `NARROW_BAND` in single precision.
 
-    Contacts depend on these values only; all other values only mean that the surface is far.
+    Contacts and normals are read from nodes within 2.3 spacings; all other values only mean that
+    the surface is far.
     """
     grid = signed_distance_grid(mesh)
     shape = grid.values.shape
     best = np.full(grid.values.size, np.inf, np.float32)
     sign = np.sign(grid.values).ravel()
     corners = mesh.triangles.astype(np.float32)
-    for triangle, node in node_pairs((mesh.triangles - grid.origin) / grid.spacing, NODES, BAND):
+    scaled = (mesh.triangles - grid.origin) / grid.spacing
+    for triangle, node in node_pairs(scaled, NODES, NARROW_BAND):
         places = (grid.origin + grid.spacing * node).astype(np.float32)
         flat = np.ravel_multi_index((node[:, 0], node[:, 1], node[:, 2]), shape)
         gap = distances(places, corners[triangle])
@@ -43,7 +45,7 @@ def single_precision_grid(mesh: Mesh) -> SignedDistanceGrid:
         touching = gap < TOUCHING * grid.spacing
         height = _heights(places[touching], corners[triangle[touching]])
         _settle_signs(sign, flat[touching], gap[touching], height)
-    near = (best < BAND * grid.spacing).reshape(shape)
+    near = (best < NARROW_BAND * grid.spacing).reshape(shape)
     values = (best * sign).reshape(shape)
     return replace(grid, values=np.where(near, values, grid.values).astype(np.float64))
 

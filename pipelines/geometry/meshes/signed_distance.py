@@ -51,28 +51,28 @@ def signed_distance_grid(mesh: Mesh, nodes: int = NODES) -> SignedDistanceGrid:
 def _feet_in_band(mesh: Mesh, origin: Array, spacing: float, nodes: int) -> Array:
     """Return the surface point closest to each node (nodes, nodes, nodes, 3); nan off the band."""
     corners = (mesh.triangles - origin) / spacing  # in spacings, so that node i lies at i
-    low, high = node_boxes(corners, nodes, NARROW_BAND)
+    low, high = _node_boxes(corners, nodes)
     feet = _closest_feet(corners, np.ascontiguousarray(mesh.face_normals), low, high, nodes)
     return (feet * spacing + origin).reshape(nodes, nodes, nodes, 3)
 
 
-def node_boxes(corners: Array, nodes: int, band: float) -> tuple[Indices, Indices]:
-    """Return the first and the last node (f, 3) of the box within `band` of each triangle.
+def _node_boxes(corners: Array, nodes: int) -> tuple[Indices, Indices]:
+    """Return the first and the last node (f, 3) of the box within the band of each triangle.
 
     `corners`: (f, 3, 3) of the triangles, in spacings, so that node i lies at i. For a triangle off
     the grid, the last node comes before the first.
     """
-    low = np.maximum(np.ceil(corners.min(axis=1) - band), 0).astype(np.int64)
-    high = np.minimum(np.floor(corners.max(axis=1) + band), nodes - 1).astype(np.int64)
+    low = np.maximum(np.ceil(corners.min(axis=1) - NARROW_BAND), 0).astype(np.int64)
+    high = np.minimum(np.floor(corners.max(axis=1) + NARROW_BAND), nodes - 1).astype(np.int64)
     return low, high
 
 
-def node_pairs(corners: Array, nodes: int, band: float) -> Iterator[tuple[Indices, Indices]]:
-    """Yield triangle (m,) and node (m, 3) of all pairs that may be within `band`, in chunks.
+def node_pairs(corners: Array) -> Iterator[tuple[Indices, Indices]]:
+    """Yield triangle (m,) and node (m, 3) of all pairs that may be within the band, in chunks.
 
-    `corners`: (f, 3, 3) of the triangles, in spacings, so that node i lies at i.
+    `corners`: (f, 3, 3) of the triangles, in spacings, so that node i of `NODES` lies at i.
     """
-    low, high = node_boxes(corners, nodes, band)
+    low, high = _node_boxes(corners, NODES)
     size = np.maximum(high - low + 1, 0)
     share = np.cumsum(size.prod(axis=1)) // PAIRS_AT_A_TIME
     for chunk in range(int(share[-1]) + 1):

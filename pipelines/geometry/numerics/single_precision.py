@@ -13,7 +13,6 @@ from pipelines.array_types import Array, Indices, Singles, SingleVector
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.meshes.signed_distance import (
     NARROW_BAND,
-    NODES,
     SignedDistanceGrid,
     node_pairs,
     signed_distance_grid,
@@ -36,8 +35,7 @@ def single_precision_grid(mesh: Mesh) -> SignedDistanceGrid:
     best = np.full(grid.values.size, np.inf, np.float32)
     sign = np.sign(grid.values).ravel()
     corners = mesh.triangles.astype(np.float32)
-    scaled = (mesh.triangles - grid.origin) / grid.spacing
-    for triangle, node in node_pairs(scaled, NODES, NARROW_BAND):
+    for triangle, node in node_pairs((mesh.triangles - grid.origin) / grid.spacing):
         places = (grid.origin + grid.spacing * node).astype(np.float32)
         flat = np.ravel_multi_index((node[:, 0], node[:, 1], node[:, 2]), shape)
         gap = distances(places, corners[triangle])

@@ -18,6 +18,9 @@ from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.meshes.ray_search import ray_search
 from pipelines.geometry.transforms import invert, rotate_vectors, transform_points, unit
 
+# Metres, and share of the distance, by which the search in single precision may be off.
+SEARCH_ERROR = 1e-3
+
 
 @dataclass(frozen=True)
 class Hits:
@@ -71,7 +74,8 @@ class Scene:
         with np.errstate(divide="ignore", invalid="ignore"):
             exact = ahead / slope
         rough = searched[hit]
-        distance[hit] = np.where(np.abs(exact - rough) < 1e-3 * (1.0 + rough), exact, rough)
+        is_near = np.abs(exact - rough) < SEARCH_ERROR * (1.0 + rough)
+        distance[hit] = np.where(is_near, exact, rough)
         return distance, triangle
 
     def occluded(self, origins: ArrayLike, directions: ArrayLike) -> Mask:

@@ -23,6 +23,8 @@ FIELD = np.radians(9.0)  # field of view; with a long lens, parallels stay paral
 PICTURE_MARGIN = 1.22  # width of the picture over the width of the object
 OBLIQUE_COSINE = 0.5  # between the view and a normal or axis: neither hidden nor flat
 AREA_WEIGHT, TOP_WEIGHT = 0.6, 0.2  # of shown area and of height; obliqueness has weight 1
+UP_SINE = 1e-3  # between the view and up, below which another direction is up
+UP_COSINE = 0.7  # between a normal and an axis, below which the normal may be up
 SQUARE_COSINE = 0.05  # between a view and a normal: the plane is edge on
 SAME_NORMAL_COSINE = float(np.cos(np.radians(3.0)))
 UP = np.array([0.0, 0.0, 1.0])
@@ -41,7 +43,7 @@ def view_along(mesh: Mesh, direction: Array, up: Array) -> Array:
     """
     forward = unit(direction)
     right = np.cross(forward, up)
-    if np.linalg.norm(right) < 1e-3:  # `up` is along the view: use another direction
+    if np.linalg.norm(right) < UP_SINE:
         right = np.cross(forward, np.eye(3)[np.abs(forward).argmin()])
     right = unit(right)
     axes = np.stack([right, np.cross(forward, right), forward], axis=1)
@@ -76,7 +78,7 @@ def symmetry_view(mesh: Mesh, symmetries: Sequence[Symmetry]) -> Array:
     axes = [s for s in symmetries if isinstance(s, RotationSymmetry)]
     turning = [s.axis for s in axes if s.order != 2]
     if turning:
-        up = normals[0] if normals and abs(normals[0] @ turning[0]) < 0.7 else UP
+        up = normals[0] if normals and abs(normals[0] @ turning[0]) < UP_COSINE else UP
         return _down_line(mesh, turning[0], up)
     if len(normals) > 1:
         return _along_planes(mesh, normals)

@@ -40,6 +40,7 @@ from pipelines.grasping.scene import RegionCloud, SceneCloud
 
 MIN_POINTS = 20  # fewer points show no surface
 MOST_INSIDE = 0.9  # share of a region's points within its radius
+MIN_RADIUS = 0.001  # metres, of a region, however small
 OFF_CENTER = 0.5  # share of the stability that a grasp at this radius or beyond loses
 
 
@@ -198,5 +199,5 @@ def _centeredness(grasps: GraspPoses, region: RegionCloud) -> Array:
     """Return the nearness (n,) of grasps to the region's middle: 1 there, less toward the rim."""
     center = region.middle
     radius = quantiles(np.linalg.norm(region.points - center, axis=1), MOST_INSIDE)
-    off = np.linalg.norm(grasps.translation - center, axis=1) / max(float(radius), 1e-3)
+    off = np.linalg.norm(grasps.translation - center, axis=1) / max(float(radius), MIN_RADIUS)
     return np.asarray(1.0 - OFF_CENTER * np.minimum(off, 1.0))

@@ -16,7 +16,8 @@ from pipelines.runtime.physics import mujoco
 from pipelines.simulation.world import GRIPPER_BIT, HARD, STIFF, WORLD_BIT
 
 PALM_MASS, FINGER_MASS = 1.0, 0.1  # kg
-ARM_STIFFNESS, ARM_DAMPING = 2.0e4, 400.0  # N / m, N s / m: critical for the palm
+# N / m and N s / m; no less than the critical damping, 310 and 28 N s / m.
+ARM_STIFFNESS, ARM_DAMPING = 2.0e4, 400.0
 FINGER_STIFFNESS, FINGER_DAMPING = 2.0e3, 30.0
 PAD_RADIUS = 0.008  # metres, of the contact patch of a soft finger pad
 JOINT_SLACK = 0.001  # metres by which a finger can move beyond its open position

@@ -23,6 +23,7 @@ CHANNEL_NAMES = ("normal_x", "normal_y", "upright", "height", "step", "missing")
 FIT_RADIUS = 2  # pixels around a pixel to which its normal is fitted
 HEIGHT_UNIT = 0.08  # metres over the table per unit of the channel `height`
 STEP_UNIT = 0.01  # metres of depth beyond the mean of 5 x 5 pixels per unit of the channel `step`
+FAR = 90  # percentile of the depth at which the plane lies where no support is found
 LIMIT = 3.0  # channels are clipped to +-LIMIT
 
 
@@ -67,14 +68,14 @@ def shrink(
 def height_plane(frame: SmallFrame) -> Plane:
     """Return the plane, camera frame, over which heights are measured: the support plane.
 
-    If there is none, the plane faces the camera at the 90th percentile of depth.
+    If there is none, the plane faces the camera at the percentile `FAR` of depth.
     """
     xyz = frame.intrinsics.backproject(frame.depth)
     plane = find_tabletop(xyz, frame.intrinsics, RegionConfig(), np.random.default_rng(0)).plane
     if plane is not None:
         return plane
     known = frame.depth[frame.depth > 0]
-    far = float(np.percentile(known, 90)) if len(known) else 1.0
+    far = float(np.percentile(known, FAR)) if len(known) else 1.0
     return Plane(np.array([0.0, 0.0, -1.0]), far)
 
 

@@ -38,6 +38,7 @@ ENCLOSED = 0.9  # share of a floor's surroundings that are nearer than its plane
 CLOSEST_SHARE = 0.05  # the nearest pixels weigh no more than the pixel at this quantile
 COVERED, ALMOST_ALL = 0.5, 0.8  # shares of a cell's pixels
 LEANS_DOWN = 0.3  # y of a unit normal from which it leans to the image's bottom, as a wall's
+MIN_DESCENT = 1e-9  # metres toward the plane, of a ray that would never meet it
 WALL_WEIGHT = 0.6  # of the pixels of a plane that may be a wall
 # Closes gaps between parts of a table that only shadows separate.
 SHADOW_GAPS = np.ones((9, 9), np.uint8)
@@ -206,7 +207,7 @@ def _seen_through(points: Array, behind: Mask, plane: Plane, inliers: Mask) -> M
     places = np.flatnonzero(behind)
     crossing = points.take(places, axis=1)
     along = plane.normal @ crossing
-    crossing *= -plane.offset / np.where(along < 0, along, -1e-9)
+    crossing *= -plane.offset / np.where(along < 0, along, -MIN_DESCENT)
     result = behind.copy()
     extent = points.take(np.flatnonzero(inliers)[:CONSENSUS_SAMPLE], axis=1)
     result[places] = Footprint.around(extent.T, plane, 0.0).contains(crossing.T)

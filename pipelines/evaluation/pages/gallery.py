@@ -29,6 +29,7 @@ WIDTH = 640  # pixels, of a picture
 JPEG_QUALITY = 80
 MARGIN = 0.1  # of the image, around the objects
 SMALLEST_WINDOW = 0.4  # of the image
+TAG_EDGE = 0.02  # share of the picture between its edge and a number
 TAG_DISTANCE, SPREAD_STEPS = 44.0, 20  # pixels between the numbers of objects; steps
 
 
@@ -191,8 +192,8 @@ def _spread(places: list[tuple[float, float]], size: tuple[int, int]) -> list[tu
     moved = np.array(places, np.float64).reshape(-1, 2) * size
     for _ in range(SPREAD_STEPS):
         apart = moved[:, None] - moved[None]
-        distance = np.linalg.norm(apart, axis=2) + 1e-9
-        near = (distance < TAG_DISTANCE) & ~np.eye(len(moved), dtype=bool)
-        push = np.where(near, (TAG_DISTANCE - distance) / 2.0 / distance, 0.0)
+        distance = np.linalg.norm(apart, axis=2)
+        near = (distance < TAG_DISTANCE) & (distance > 0.0)
+        push = (TAG_DISTANCE - distance) / 2.0 / np.where(near, distance, np.inf)
         moved += (push[:, :, None] * apart).sum(axis=1)
-    return [(float(x), float(y)) for x, y in np.clip(moved / size, 0.02, 0.98)]
+    return [(float(x), float(y)) for x, y in np.clip(moved / size, TAG_EDGE, 1.0 - TAG_EDGE)]

@@ -25,6 +25,7 @@ from pipelines.metrics.graspnet.graspnet_ap import AP_FIGURES, ap_figures
 TEST_SPLITS = ("seen", "similar", "novel")
 CURVE_FRICTIONS = np.round(np.arange(0.0, 1.001, 0.05), 2)  # for the share of objects held
 SWEEP_STEP = 0.1  # of the friction sweep of PointNetGPD, which the paper cites
+ROUNDING = 1e-9  # of a number of steps
 CURVE_RECALLS = np.round(np.linspace(0.0, 1.0, 51), 2)
 
 Figures = dict[str, Any]
@@ -108,7 +109,7 @@ def swept_quality(quality: ArrayLike) -> Array:
 
     A grasp of quality 1 - mu holds at the next friction of the sweep, which begins at one step.
     """
-    steps = np.floor(np.asarray(quality, np.float64) / SWEEP_STEP + 1e-9)
+    steps = np.floor(np.asarray(quality, np.float64) / SWEEP_STEP + ROUNDING)
     return np.asarray(np.minimum(steps * SWEEP_STEP, 1.0 - SWEEP_STEP))
 
 

@@ -9,6 +9,7 @@ from pipelines.geometry.directions import half_sphere_directions
 
 MAX_EXACT, PAIR_ROWS = 8000, 500  # points with all pairs measured, and rows at a time
 NUM_SUPPORTS = 2000  # directions 2.5 degrees apart
+ROUNDING = 1e-9  # of a distance, relative
 MAX_PRODUCTS = 4_000_000  # numbers in memory at a time
 
 
@@ -26,7 +27,7 @@ def diameter(points: Array) -> float:
     out = np.linalg.norm(corners - middle, axis=1)
     # A point nearer to the middle than this cannot be part of a longer pair.
     known = _far_apart(corners, corners[out.argmax()])
-    far = corners[out + out.max() >= (1.0 - 1e-9) * known]
+    far = corners[out + out.max() >= (1.0 - ROUNDING) * known]
     if len(far) > MAX_EXACT:
         far = _outermost(far)
     rows = (cdist(far[i : i + PAIR_ROWS], far[i:]).max() for i in range(0, len(far), PAIR_ROWS))

@@ -21,7 +21,8 @@ MARGIN = 5  # nodes free on each side of the mesh's longest extent
 NARROW_BAND = 2.5  # spacings
 PAIRS_AT_A_TIME = 400_000  # (triangle, node) pairs held in memory
 NO_LENGTH = 1e-30  # squared spacings
-OFF_GRID = 1.234e-5  # spacings that a column is shifted, so that rays miss edges and vertices
+# (3,) spacings that a column is shifted, so that rays miss edges and vertices
+OFF_GRID = 1.234e-5 * np.array([1.0, 1.7, 2.3])
 
 
 @dataclass(frozen=True)
@@ -184,7 +185,7 @@ def _column_votes(
     first, second = np.meshgrid(np.arange(nodes), np.arange(nodes), indexing="ij")
     start = np.zeros((nodes * nodes, 3))
     start[:, others[0]], start[:, others[1]] = first.ravel(), second.ravel()
-    start = origin + spacing * (start + OFF_GRID * np.array([1.0, 1.7, 2.3]))
+    start = origin + spacing * (start + OFF_GRID)
     start[:, axis] = origin[axis] - spacing
     direction = np.broadcast_to(np.eye(3)[axis], start.shape)
     crossings = line_crossings(mesh, start, direction, (nodes + 2) * spacing)

@@ -17,6 +17,7 @@ from pipelines.geometry.transforms import transform_points
 AHEAD = ((1, 2), (2, 0), (0, 1))  # the two axes that follow each axis
 PATCH_SIZE = 0.004  # metres, edge of the cells whose triangles are one patch
 LONGEST_EDGE = 0.003  # metres; longer triangles are split, so that a patch stays small
+PIECE_AREA = 0.25  # of the square of its longest edge, about
 MAX_PIECES = 500_000  # about; a larger surface has larger patches
 MAX_SPLITS = 200  # more rounds of halving than any mesh needs
 
@@ -34,7 +35,7 @@ class SurfacePatches:
     @classmethod
     def from_mesh(cls, mesh: Mesh) -> "SurfacePatches":
         """Cut the whole surface of `mesh` into patches."""
-        scale = max(1.0, np.sqrt(mesh.area / (0.25 * LONGEST_EDGE**2 * MAX_PIECES)))
+        scale = max(1.0, np.sqrt(mesh.area / (PIECE_AREA * LONGEST_EDGE**2 * MAX_PIECES)))
         pieces, owner = _split(mesh.triangles, scale * LONGEST_EDGE)
         middle = pieces.mean(axis=1)
         cell = np.floor(middle / (scale * PATCH_SIZE)).astype(np.int64)

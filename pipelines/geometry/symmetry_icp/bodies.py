@@ -31,6 +31,7 @@ MAX_MEAN_ERROR, MAX_OCCLUSION, MAX_PERPENDICULARITY = 0.02, 0.012, 0.6
 MIN_COVERAGE, MIN_SPHERE_COVERAGE = 0.3, 0.1
 DIRECTIONS = 200  # over the sphere; a point covers all directions within the next angle
 COVER_COSINE = np.cos(np.radians(10.0))
+MAX_EVALUATIONS = 60  # of the errors, by the least-squares solver
 SPHERE_AXES = 3  # random axes that a sphere's points are turned about
 
 
@@ -104,7 +105,9 @@ def _least(errors: Callable[[Array], Array], unknowns: int) -> Array:
     """Return the step (unknowns,) with the least squared `errors`."""
     from scipy.optimize import least_squares  # noqa: PLC0415 - slow to import, one method needs it
 
-    return np.asarray(least_squares(errors, np.zeros(unknowns), x_scale="jac", max_nfev=60).x)
+    start = np.zeros(unknowns)
+    found = least_squares(errors, start, x_scale="jac", max_nfev=MAX_EVALUATIONS)
+    return np.asarray(found.x)
 
 
 def _scored_axis(axis: RotationSymmetry, surface: SeenSurface, space: FreeSpace) -> BodyFit:

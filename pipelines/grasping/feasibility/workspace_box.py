@@ -13,6 +13,7 @@ from pipelines.tabletop.levelling import table_from_camera
 BULK = (1.0, 99.0)  # percentiles of a region's points that a box encloses: others are strays
 BELOW_TABLE = 0.01  # metres of a box below the table, whose height is not exact
 STEP = 0.01  # metres to which corners are rounded, outward
+ROUNDING = 1e-6  # of a step; a corner as near to a step stays on it
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,6 @@ def suggested_box(clouds: Sequence[Array], plane: Plane | None, margin: float) -
     corners = np.stack([low.min(axis=0) - margin, high.max(axis=0) + margin])
     if plane is not None:
         corners[0, 2] = -BELOW_TABLE
-    corners[0] = np.floor(corners[0] / STEP + 1e-6) * STEP
-    corners[1] = np.ceil(corners[1] / STEP - 1e-6) * STEP
+    corners[0] = np.floor(corners[0] / STEP + ROUNDING) * STEP
+    corners[1] = np.ceil(corners[1] / STEP - ROUNDING) * STEP
     return WorkspaceBox(corners, "camera" if plane is None else "table", T_box_cam)

@@ -21,6 +21,7 @@ MIN_WIDTH = 0.001  # metres, least distance of contacts
 MAX_TURN, LEAST_SHARED = np.radians(30.0), 0.25  # limits of a correct rectangle
 TIPS_BELOW = 0.02  # metres from the measured surface down to the finger tips
 MIN_LINE = 1e-6  # metres; a shorter line has no direction
+MIN_PIXELS = 1e-9  # pixels or squared pixels, instead of a length or an area of zero
 SCORE_AT_ZERO = 1.1  # the score of a label is this value minus its friction coefficient
 ROUNDING = 1e-4  # rounding error of a label's score
 
@@ -72,7 +73,7 @@ def _half_openings(rows: Array) -> Array:
 def corners(rows: Array, share: float = 1.0) -> Array:
     """Return the corners (n, 4, 2) of the middle `share` along the opening."""
     half = share * _half_openings(rows)
-    length = np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-9)
+    length = np.maximum(np.linalg.norm(half, axis=1, keepdims=True), MIN_PIXELS)
     half_height = 0.5 * rows[:, RectColumn.HEIGHT, None]
     across = np.stack([-half[:, 1], half[:, 0]], axis=1) / length * half_height
     center = rows[:, RectColumn.CENTER]
@@ -130,7 +131,7 @@ def _overlap(one: Any, other: Any) -> float:  # noqa: ANN401 - OpenCV's rectangl
         return 0.0
     area = float(cv2.contourArea(cv2.convexHull(shared)))
     union = float(one[1][0] * one[1][1] + other[1][0] * other[1][1]) - area
-    return area / max(union, 1e-9)
+    return area / max(union, MIN_PIXELS)
 
 
 def rectangle_grasps(

@@ -26,6 +26,7 @@ from pipelines.network.weights_files import fill, read_weights
 from pipelines.tabletop.depth_channels import SmallFrame, depth_channels, height_plane, shrink
 
 MODEL_NAME = "RegionDetector"
+MIN_SIDE = 1e-6  # pixels, of a box without extent
 
 
 @dataclass(frozen=True)
@@ -162,8 +163,8 @@ def draw_mask(soft: Singles, box: Array, size: tuple[int, int], threshold: float
     if x1 <= x0 or y1 <= y0:
         return mask
     cells = soft.shape[0]
-    u = (np.arange(x0, x1) + 0.5 - box[0]) / max(box[2] - box[0], 1e-6) * cells - 0.5
-    v = (np.arange(y0, y1) + 0.5 - box[1]) / max(box[3] - box[1], 1e-6) * cells - 0.5
+    u = (np.arange(x0, x1) + 0.5 - box[0]) / max(box[2] - box[0], MIN_SIDE) * cells - 0.5
+    v = (np.arange(y0, y1) + 0.5 - box[1]) / max(box[3] - box[1], MIN_SIDE) * cells - 0.5
     map_u, map_v = np.meshgrid(u.astype(np.float32), v.astype(np.float32))
     values = cv2.remap(
         soft.astype(np.float32), map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT

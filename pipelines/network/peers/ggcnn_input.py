@@ -10,6 +10,7 @@ from pipelines.tabletop.sparse_depth import nearest_measured
 
 LIMIT = 1.0  # metres from the mean
 BELOW = 0.02  # metres, depth under the table that is still shown; deeper pixels are background
+MIN_DESCENT = 1e-3  # metres toward the table per metre of depth, of a ray that meets the table
 BEHIND = 0.1  # metres behind the farthest part of the table that are still shown
 
 
@@ -34,7 +35,7 @@ def whole_depth(depth: Singles, intrinsics: Intrinsics, plane: Plane | None) -> 
     n = plane.normal.astype(np.float32)
     slope = n[0] * (x - intrinsics.cx) / intrinsics.fx + n[1] * (y - intrinsics.cy) / intrinsics.fy
     # Metres over the table at depth z: slope * z + offset; the camera is above it.
-    slope = np.minimum(slope + n[2], -1e-3)
+    slope = np.minimum(slope + n[2], -MIN_DESCENT)
     offset = np.float32(plane.offset)
     table = (-BELOW - offset) / slope
     on_table = (depth > 0) & (np.abs(slope * depth + offset) < BELOW)

@@ -89,7 +89,7 @@ def principal_directions(batch: RegionBatch, generators: Generators) -> tuple[Te
         1,
     )
     length = candidates.norm(dim=-1, keepdim=True)  # (B, candidate, 1)
-    candidates = candidates / length.clamp(min=1e-6)
+    candidates = candidates / length.clamp(min=LEAST_CROSS)
     cosine = (candidates @ directions.transpose(1, 2)).abs()  # (B, candidate, slot)
     keeps = (cosine < ALIGNMENT) | (cosine > 1.0 - ALIGNMENT**2)
     keeps[..., ROTATION_SLOT] = cosine[..., ROTATION_SLOT] > 1.0 - ALIGNMENT**2

@@ -31,6 +31,7 @@ WEIGHT_FLOOR = 0.1
 # Divisor of the dense error, at least: this share of the object's size. Thin objects, which have
 # mirror images close together, would otherwise outweigh all others.
 MIN_EXTENT_SHARE = 0.3
+MIN_EXTENT = 1e-6  # metres, added to this share, which is zero if all points are equal
 GRASPABLE = 0.05  # affordance above which a point counts as positive
 MAX_BALANCE = 4.0  # largest weight of a rare class relative to a common class
 MIN_VARIANCE = 1e-6  # least variance of features, which may all be equal
@@ -153,7 +154,7 @@ def affordance_loss(
     the negatives of the batch each get half of the weight, within `MAX_BALANCE`.
     """
     positive = (truth > GRASPABLE).to(truth.dtype)
-    share = positive.mean().clamp(1e-3, 1.0 - 1e-3)
+    share = positive.mean()
     ratio = ((1.0 - share) / share).clamp(1.0 / MAX_BALANCE, MAX_BALANCE)
     weight = torch.where(positive > 0, ratio.sqrt(), 1.0 / ratio.sqrt())
     if labelled is not None:
@@ -207,7 +208,7 @@ def slot_errors(
     the centre in units of the radius, dimensionless as the others.
     """
     size = (points - points.mean(1, keepdim=True)).norm(dim=-1).amax(-1)  # (B,)
-    smallest = MIN_EXTENT_SHARE * size + 1e-6
+    smallest = MIN_EXTENT_SHARE * size + MIN_EXTENT
     kinds = (reflection_errors, reflection_extent), (rotation_errors, rotation_extent)
     losses = []
     for slot in range(NUM_REFLECTIONS + 1):

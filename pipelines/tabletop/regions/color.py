@@ -22,6 +22,7 @@ THINNED = 4  # rows and columns of an image from which the table's colour is tak
 # object over up to 1 / (1 + k^2) of a window is distinguished from the table's pattern.
 OUTLIERS = (1.5, 2.5, np.inf)
 LEAST_SPREAD = 1.6  # Lab, of the table's colour: noise of a camera
+NOTHING_SEEN = np.float32(1e-6)  # replaces a share of zero as a divisor
 LEAST_SEEN = 0.02  # share of a window that must be bare table
 LIGHTNESS_UNITS = 255.0 / 100.0  # of OpenCV's 8-bit Lab
 RIM = 5  # pixels along the outline of a table in which its edge may stand out
@@ -132,7 +133,7 @@ def _table_color(
         return np.asarray(cv2.boxFilter(values, -1, (side, side)), np.float32)
 
     for outlier in OUTLIERS:
-        share = np.maximum(around(weight), np.float32(1e-6))
+        share = np.maximum(around(weight), NOTHING_SEEN)
         mean = around(small * weight[..., None]) / share[..., None]
         squares = ((small - mean) ** 2).sum(axis=-1)
         variance = np.maximum(around(squares * weight) / share, LEAST_SPREAD**2)

@@ -12,7 +12,7 @@ from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.grasps import GraspPoses, to_graspnet
 from pipelines.metrics.contacts import close_fingers
 from pipelines.metrics.force_closure import min_friction, on_grid
-from pipelines.metrics.graspnet.box_collision import NUM_CLOUD_SAMPLES, VOXEL, voxel_means
+from pipelines.metrics.graspnet.box_collision import NUM_CLOUD_SAMPLES, voxel_means
 from pipelines.metrics.graspnet.graspnet_ap import AP_FRICTIONS
 from pipelines.metrics.graspnet.graspnet_frames import GridObject, GridScene, score_rows
 from pipelines.metrics.graspnet.grid_contacts import close_fingers_on_grid
@@ -86,7 +86,7 @@ def _frames(meshes: dict[str, Mesh], rng: np.random.Generator) -> Measurement:
     """Return the rate of frames of nine objects scored by GraspNet's protocol, without files."""
     kinds = [
         GridObject(
-            voxel_means(sample_surface(mesh, NUM_CLOUD_SAMPLES, rng)[0], VOXEL),
+            voxel_means(sample_surface(mesh, NUM_CLOUD_SAMPLES, rng)[0]),
             single_precision_grid(mesh),
         )
         for mesh in meshes.values()

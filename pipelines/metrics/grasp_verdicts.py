@@ -15,7 +15,7 @@ from pipelines.grasping.gripper import Gripper
 from pipelines.metrics.antipodal import closing_region_score, contact_pair_score
 from pipelines.metrics.contacts import Contacts, close_fingers
 from pipelines.metrics.force_closure import MAX_FRICTION, min_friction, quality
-from pipelines.metrics.graspnet.box_collision import VOXEL, voxel_means
+from pipelines.metrics.graspnet.box_collision import voxel_means
 from pipelines.metrics.graspnet.graspnet_ap import accuracy
 from pipelines.metrics.graspnet.graspnet_frames import ExactScene, SolidObject, score_rows
 from pipelines.metrics.mesh_collision import MeshCollider, hits_table
@@ -44,7 +44,7 @@ class TrueObject:
     @cached_property
     def solid(self) -> SolidObject:
         """The object as input of GraspNet's protocol."""
-        return SolidObject(voxel_means(self.points, VOXEL), self.mesh, self.collider)
+        return SolidObject(voxel_means(self.points), self.mesh, self.collider)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from pipelines.frames.graspnet_scene import ObjectPose, annotated_ids, read_anno
 from pipelines.geometry.meshes.mesh import sample_surface
 from pipelines.geometry.numerics.single_precision import single_precision_grid
 from pipelines.grasp_files.exports.graspnet_dump import DumpedScene
-from pipelines.metrics.graspnet.box_collision import NUM_CLOUD_SAMPLES, VOXEL, voxel_means
+from pipelines.metrics.graspnet.box_collision import NUM_CLOUD_SAMPLES, voxel_means
 from pipelines.metrics.graspnet.graspnet_frames import (
     ExactScene,
     GridObject,
@@ -70,7 +70,7 @@ class SceneTruth:
         """Voxel means of points on the surroundings, in the form of graspnetAPI's objects."""
         rng = np.random.default_rng(self.files.scene_id)
         points = [sample_surface(m, NUM_CLOUD_SAMPLES, rng)[0] for m in self.files.surroundings]
-        return voxel_means(np.concatenate(points), VOXEL) if points else np.zeros((0, 3))
+        return voxel_means(np.concatenate(points)) if points else np.zeros((0, 3))
 
     def _poses(self, frame: FrameFiles) -> list[ObjectPose]:
         """Return poses; graspnetAPI takes the XML's four decimals and ignores the .mat."""
@@ -104,7 +104,7 @@ def solid_object(root: GraspNetRoot, object_id: int) -> SolidObject:
 
 @functools.lru_cache(maxsize=KEPT_OBJECTS)
 def _grid_object(model: FileVersion, grid: FileVersion) -> GridObject:
-    points = voxel_means(read_vertices(model.path), VOXEL)
+    points = voxel_means(read_vertices(model.path))
     if grid.path.suffix == ".sdf":
         return GridObject(points, read_sdf(grid.path))
     return GridObject(points, as_stored(single_precision_grid(read_mesh(grid.path))))
@@ -114,7 +114,7 @@ def _grid_object(model: FileVersion, grid: FileVersion) -> GridObject:
 def _solid_object(surface: FileVersion, seed: int) -> SolidObject:
     mesh = read_solid_mesh(surface.path)
     samples = sample_surface(mesh, NUM_CLOUD_SAMPLES, np.random.default_rng(seed))[0]
-    return SolidObject(voxel_means(samples, VOXEL), mesh, MeshCollider(mesh))
+    return SolidObject(voxel_means(samples), mesh, MeshCollider(mesh))
 
 
 def _surface(root: GraspNetRoot, object_id: int) -> Path:

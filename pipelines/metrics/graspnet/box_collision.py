@@ -49,18 +49,18 @@ def cloud_collision(mesh: Mesh, grasps: GraspPoses, depth: Array) -> tuple[Mask,
     graspnetAPI draws its cloud at random, so results can differ where a voxel decides.
     """
     samples = sample_surface(mesh, NUM_CLOUD_SAMPLES, np.random.default_rng(0))[0]
-    hit, inner = meets_points(voxel_means(samples, VOXEL), grasps, depth)
+    hit, inner = meets_points(voxel_means(samples), grasps, depth)
     empty = inner < MIN_INNER
     return hit | empty, empty
 
 
-def voxel_means(points: Array, size: float) -> Array:
-    """Return the mean of the points (n, 3) in each voxel of edge `size`: (m, 3).
+def voxel_means(points: Array) -> Array:
+    """Return the mean of the points (n, 3) in each voxel of edge `VOXEL`: (m, 3).
 
     The first voxel's corner lies half a voxel below the lowest coordinates, as in Open3D.
     """
-    corner = points.min(axis=0) - size * 0.5
-    voxel = np.floor((points - corner) / size).astype(np.int64)
+    corner = points.min(axis=0) - VOXEL * 0.5
+    voxel = np.floor((points - corner) / VOXEL).astype(np.int64)
     index = np.unique(voxel, axis=0, return_inverse=True)[1].reshape(-1)
     count = np.bincount(index)
     return np.stack([np.bincount(index, column) / count for column in points.T], axis=1)

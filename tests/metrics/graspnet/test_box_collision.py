@@ -76,5 +76,5 @@ def test_the_number_of_pairs_in_a_block_does_not_change_verdicts(monkeypatch):
 
 def test_voxels_hold_the_means_of_their_points():
     points = np.array([[0.0, 0.0, 0.0], [0.001, 0.0, 0.0], [0.02, 0.0, 0.0]])
-    means = voxel_means(points, 0.008)
+    means = voxel_means(points)
     assert sorted(means[:, 0].round(6)) == [0.0005, 0.02]

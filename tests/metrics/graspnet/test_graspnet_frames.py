@@ -27,7 +27,7 @@ from pipelines.metrics.mesh_collision import MeshCollider
 from tests.metrics.shapes import ball, box, moved, random_grasps, surface
 
 MESHES = [box(0.06, 0.04, 0.1), ball(0.03)]
-CLOUDS = [voxel_means(surface(mesh)[0], 0.008) for mesh in MESHES]
+CLOUDS = [voxel_means(surface(mesh)[0]) for mesh in MESHES]
 SOLIDS = [SolidObject(c, m, MeshCollider(m)) for c, m in zip(CLOUDS, MESHES, strict=True)]
 PLACES = [make_pose(np.eye(3), [0, 0, 0.05]), make_pose(np.eye(3), [0.2, 0.0, 0.03])]
 DOWN = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # approach along -z, closing along y
@@ -138,5 +138,5 @@ def test_the_peer_counts_fewer_than_ten_points_between_the_fingers_as_none(count
 
 def test_open3ds_voxels_start_half_a_voxel_below_the_lowest_point():
     points = np.array([[0.0, 0, 0], [0.0039, 0, 0], [0.0041, 0, 0], [0.0119, 0, 0]])
-    means = np.sort(voxel_means(points, 0.008)[:, 0])
+    means = np.sort(voxel_means(points)[:, 0])
     assert means == pytest.approx([0.00195, 0.008])

@@ -26,6 +26,8 @@ QUIET = BatchOptions(progress=False)
 NUM_OBJECTS, VIEWS_A_SCENE = 6, 2
 NUM_PIECE_POINTS, NUM_READS = 32, 2000
 LABELS = LabelConfig()
+LABEL_NOTE = f"{LABELS.num_points} points, {LABELS.num_views} views"
+SIZE_NOTE = "49.8 million per object of GraspNet-1Billion"
 SMALL = SynthesizeConfig(
     splits=("train",),
     scenes_per_split=1,
@@ -35,6 +37,8 @@ SMALL = SynthesizeConfig(
     max_objects=NUM_OBJECTS,
     labels=LabelConfig(num_points=16),
 )
+SCENE_NOTE = f"{NUM_OBJECTS} objects, {VIEWS_A_SCENE} views, {SMALL.width} x {SMALL.height}"
+FRAME_NOTE = f"{SMALL.width} x {SMALL.height}, {NUM_OBJECTS} objects, one process"
 
 
 def measure() -> list[Measurement]:
@@ -45,12 +49,12 @@ def measure() -> list[Measurement]:
         annotated = annotate_symmetry.run(root.root, None, AnnotateSymmetryConfig(), options=QUIET)
         refined = refine_grasps.run(root.root, RefineGraspsConfig(), options=QUIET)
         return [
-            Measurement("synthesize a small scene", made.seconds, "s", _scene_note()),
-            Measurement("labels of an object", _label_seconds(root), "s", _label_note()),
+            Measurement("synthesize a small scene", made.seconds, "s", SCENE_NOTE),
+            Measurement("labels of an object", _label_seconds(root), "s", LABEL_NOTE),
             Measurement("annotate-symmetry, a mesh", annotated.seconds / len(annotated.done), "s"),
             Measurement("refine-grasps, an object", refined.seconds / len(refined.done), "s"),
-            Measurement("refine-grasps, a label", _candidates(root), "candidates/s", _label_size()),
-            Measurement("pack", 1.0 / _pack_seconds(root), "frames/s", _frame_note()),
+            Measurement("refine-grasps, a label", _candidates(root), "candidates/s", SIZE_NOTE),
+            Measurement("pack", 1.0 / _pack_seconds(root), "frames/s", FRAME_NOTE),
             _packed_reads(root, Path(folder) / "packed"),
         ]
 
@@ -86,19 +90,3 @@ def _packed_reads(root: GraspNetRoot, folder: Path) -> Measurement:
     seconds = seconds_of(lambda: [reader[index] for index in order])
     note = f"random order, one process, {size / len(reader):,.0f} bytes per region"
     return Measurement("packed regions read", NUM_READS / seconds, "1/s", note)
-
-
-def _label_size() -> str:
-    return "49.8 million per object of GraspNet-1Billion"
-
-
-def _scene_note() -> str:
-    return f"{NUM_OBJECTS} objects, {VIEWS_A_SCENE} views, {SMALL.width} x {SMALL.height}"
-
-
-def _label_note() -> str:
-    return f"{LABELS.num_points} points, {LABELS.num_views} views"
-
-
-def _frame_note() -> str:
-    return f"{SMALL.width} x {SMALL.height}, {NUM_OBJECTS} objects, one process"

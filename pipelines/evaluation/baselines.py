@@ -65,7 +65,10 @@ class Baselines:
         truth: FrameTruth,
         rng: np.random.Generator,
     ) -> dict[str, RowPredictions]:
-        """Return the rows `BASELINE_ROWS` on the regions `masks` of one frame."""
+        """Return the rows `BASELINE_ROWS` on the regions `masks`, each (H, W), of one frame.
+
+        `owners`: object and true region of each mask. `rng`: of the sampling and of `random`.
+        """
         if not masks:
             rows = {name: RowPredictions([], []) for name in BASELINE_ROWS}
             return rows | {"oracle": RowPredictions([], [], symmetries=[])}

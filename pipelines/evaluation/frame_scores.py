@@ -48,7 +48,7 @@ class RegionRow:
 def assign_regions(
     masks: Sequence[Mask], truth: FrameTruth, config: EvaluateConfig
 ) -> RegionOwners:
-    """Return the object and the true region of each predicted mask."""
+    """Return the object and the true region of each of the predicted `masks`, each (H, W)."""
     objects = [owner_of(mask, truth.label, config.min_region_share) - 1 for mask in masks]
     iou = mask_iou(masks, [instance.mask for instance in truth.instances])
     if iou.size == 0:

@@ -84,7 +84,10 @@ class Scene:
         return self._search.any(o - self._center, np.asarray(directions).reshape(-1, 3))
 
     def owner(self, triangle: Indices) -> tuple[Indices, Indices]:
-        """Return the object of `triangle`, and its index in that object's mesh; -1 stays -1."""
+        """Return the object (n,) of each `triangle` (n,), and its index (n,) in that object's mesh.
+
+        A triangle of -1 gives -1.
+        """
         index = np.searchsorted(self._starts, triangle, side="right") - 1
         none = triangle < 0
         return (

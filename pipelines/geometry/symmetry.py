@@ -56,7 +56,7 @@ class ReflectionSymmetry:
 
     @property
     def direction(self) -> Array:
-        """The plane's normal."""
+        """The plane's normal (3,), unit."""
         return self.normal
 
     def counterpart(self, points: ArrayLike) -> Array:
@@ -98,7 +98,7 @@ class RotationSymmetry:
 
     @property
     def direction(self) -> Array:
-        """The axis."""
+        """The axis (3,), unit."""
         return self.axis
 
     def counterpart(self, points: ArrayLike) -> Array:
@@ -137,7 +137,7 @@ class SphereSymmetry:
 
     @property
     def direction(self) -> Array:
-        """Three nan: a sphere has no direction."""
+        """(3,) nan: a sphere has no direction."""
         return np.full(3, np.nan)
 
     def counterpart(self, points: ArrayLike) -> Array:

@@ -78,7 +78,7 @@ class GraspPoses:
 
     @classmethod
     def unchecked(cls, rotation: Array, translation: Array, width: Array) -> "GraspPoses":
-        """Return the grasps with these float64 attributes, which are known to be valid."""
+        """Return the grasps with these attributes, float64 and of the right shapes, unchecked."""
         grasps = object.__new__(cls)
         vars(grasps).update(rotation=rotation, translation=translation, width=width)
         return grasps

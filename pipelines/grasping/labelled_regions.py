@@ -61,8 +61,8 @@ def labelled_clouds(
 ) -> list[LabelledCloud]:
     """Return the regions with enough visible pixels, `config.num_points` points of each.
 
-    The points are measured points inside the mask that `mask_of` makes from the true mask;
-    symmetries and affordance of the object are moved by its pose T_cam_obj.
+    The points are measured points inside the mask (H, W) that `mask_of` makes from the true mask;
+    symmetries and affordance of an object are moved by its pose T_cam_obj (4, 4), `poses[id]`.
     """
     clouds = []
     for instance in instances:

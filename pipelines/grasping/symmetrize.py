@@ -150,7 +150,10 @@ def copies_under(
 
 
 def distinct(grasps: GraspPoses, merge_distance: float) -> Indices:
-    """Return the indices of the first grasp of each group with the same contacts, ascending."""
+    """Return the indices (k,) of the first grasp of each group with the same contacts, ascending.
+
+    `merge_distance`: metres, as in `cell_numbers`.
+    """
     numbers = cell_numbers(grasps.contacts, merge_distance)
     return np.sort(np.unique(numbers, return_index=True)[1])
 

@@ -56,7 +56,10 @@ class FramePrecision:
         *,
         coco: bool = False,
     ) -> "FramePrecision":
-        """Return the figure of predictions in any order; with COCO the order breaks ties."""
+        """Return the figure of p predictions in any order; with COCO the order breaks ties.
+
+        `confidence`: (p,). Other arguments as the attributes.
+        """
         order = np.argsort(-confidence, kind="stable")
         last = np.arange(len(order)) if coco else last_equals(confidence[order])
         return cls(correct[order].astype(np.float64), frame[order], num_truth, last, coco)

@@ -38,7 +38,7 @@ def table_row(plane: Plane | None) -> Array:
 
 
 def table_of_row(row: ArrayLike) -> Plane | None:
-    """Return the plane of a `table_row`; None for nan."""
+    """Return the plane of a `table_row` (4,); None for nan."""
     values = np.asarray(row, np.float64)
     return Plane(values[:3], float(values[3])) if np.isfinite(values).all() else None
 

@@ -108,7 +108,7 @@ def least_pixels(usual: int, shape: tuple[int, ...]) -> int:
 
 
 def enlarged(image: NDArray[np.generic], shape: tuple[int, ...]) -> Labels:
-    """Return a thinned `image` of labels at the size `shape`: each pixel takes the nearest label.
+    """Return a thinned `image` (h, w) of labels at the size `shape`, (H, W), by the nearest label.
 
     With an even stride two labels are equally near in the middle; the upper left one is taken.
     """

@@ -62,7 +62,7 @@ def write_dump_verdicts(path: Path, frames: Sequence[FrameVerdicts], stamp: Stam
 
 
 def read_dump_verdicts(path: Path) -> dict[str, NDArray[np.generic]]:
-    """Read the arrays of a scene."""
+    """Read the arrays of a scene by the names of `FrameVerdicts`; frames are their first axis."""
     return dict(read_npz(path, [column.name for column in fields(FrameVerdicts)]))
 
 

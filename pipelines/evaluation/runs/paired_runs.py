@@ -46,7 +46,7 @@ class RunPredictions:
                 self.frame.append(frame)
 
     def at(self, places: NDArray[np.int64], *, coco: bool) -> FramePrecision:
-        """Return the average precision over the frames at `places`, in that order."""
+        """Return the average precision over the frames at `places` (k,), in that order."""
         new = np.full(len(self.num_truth), -1, np.int64)
         new[places] = np.arange(len(places))
         frame = new[np.array(self.frame, np.int64)]

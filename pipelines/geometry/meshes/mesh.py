@@ -86,7 +86,7 @@ class Mesh:
         return replace(self, vertices=transform_points(T, self.vertices))
 
     def submesh(self, faces: NDArray[np.integer] | Mask) -> "Mesh":
-        """Return the mesh of the triangles `faces`, index or mask; the vertices are kept."""
+        """Return the mesh of the triangles `faces`, indices (k,) or mask (f,); vertices stay."""
         return replace(self, faces=self.faces[faces])
 
     @classmethod

@@ -49,7 +49,7 @@ class GraspCandidates:
     def without_symmetry(
         cls, contacts: Array, approach: Array, angles: Array, stability: Array, source: str
     ) -> "GraspCandidates":
-        """Return contact pairs without predictions."""
+        """Return contact pairs without predictions; arguments as the attributes."""
         nothing = np.zeros(len(stability)), np.full(len(stability), -1, np.int64)
         return cls(contacts, approach, angles, stability, *nothing, source)
 

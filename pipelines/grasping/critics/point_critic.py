@@ -100,12 +100,15 @@ class PointCritic:
         return rows @ self.weights[f"{name}.weight"].T + self.weights[f"{name}.bias"]
 
     def probability(self, points: Singles, shared: Singles, candidates: Singles) -> Array:
-        """Return the probability (k,) that candidates are correct, or the expected quality."""
+        """Return the probability (k,) that candidates are correct, or the expected quality.
+
+        Arguments as those of `logits`.
+        """
         bias, slope = self.weights["calibration"].astype(np.float64)
         return np.asarray(expit(bias + slope * self.fast_logits(points, shared, candidates)))
 
     def fast_logits(self, points: Singles, shared: Singles, candidates: Singles) -> Singles:
-        """Return the result of `logits`, up to rounding, in less time."""
+        """Return the result (k,) of `logits`, up to rounding, in less time; arguments as there."""
         parts = [slice(start, start + CHUNK) for start in range(0, max(1, len(points)), CHUNK)]
         pooled = [self._pooled(points[part], shared[part]) for part in parts]
         standard = (candidates - self.weights["mean"]) / self.weights["spread"]

@@ -38,7 +38,7 @@ def visible_eq8_score(found: RankedGrasps, visible: Array, config: RankingConfig
 
 
 def eq8_score(clearance: ArrayLike, enclosed_height: ArrayLike, config: RankingConfig) -> Array:
-    """Return s of Eq. 8 for `clearance` b and `enclosed_height` h in metres (D. 7)."""
+    """Return s (n,) of Eq. 8 for `clearance` b and `enclosed_height` h, (n,) metres (D. 7)."""
     b = np.minimum(clearance, config.clearance_cap) / config.clearance_cap
     h = np.minimum(enclosed_height, config.enclosed_height_cap) / config.enclosed_height_cap
     # Eq. 8

@@ -127,7 +127,10 @@ class RegionDetector:
     def resized(
         self, color: NDArray[np.uint8], depth: Singles, intrinsics: Intrinsics
     ) -> SmallFrame:
-        """Return the frame at the size of the network's input: larger than in training (D. 84)."""
+        """Return the frame at the size of the network's input: larger than in training (D. 84).
+
+        `color`: (H, W, 3) RGB. `depth`: (H, W) metres, 0 where missing.
+        """
         trained = self.config.min_size, self.config.max_size
         sides = (round(self.config.enlarged * side) for side in trained)
         seen = None if self.config.input == "geometry" else color

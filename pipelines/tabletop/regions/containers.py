@@ -80,7 +80,10 @@ class _Pair:
     xyz: Array
 
     def is_container(self, up: Array) -> bool:
-        """Return whether a wall without a lid and the region seen over the wall have one rim."""
+        """Return whether a wall without a lid and the region seen over the wall have one rim.
+
+        `up`: (3,) unit, camera frame, away from the table.
+        """
         both = self.outside | self.inside
         rim = both & (self.height > quantiles(self.height[both], HIGHEST) - RIM)
         edge = rim & self.outside

@@ -15,6 +15,7 @@ from pipelines.geometry.transforms import (
 from pipelines.metrics.graspnet import graspnet_ap
 from pipelines.metrics.graspnet.graspnet_ap import (
     AP_FRICTIONS,
+    PER_OBJECT,
     RANKS,
     accuracy,
     ranked,
@@ -89,6 +90,20 @@ def test_among_ties_the_first_of_the_file_stays_and_leads():
     apart = np.array([[0.0, 0, 0], [0, 0, 0.01], [0, 0, 1], [0, 0, 1.01]])
     assert suppress(np.full(4, 0.5), same, apart).tolist() == [0, 2]
     assert ranked(np.full(3, 0.5), np.array([1, 0, 1])).tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_ranking_equals_one_grasp_after_the_other(seed):
+    rng = np.random.default_rng(seed)
+    confidence = np.sort(rng.integers(1, 40, 150))[::-1] / 40.0  # with many ties
+    owner = rng.integers(0, 8, 150)
+    found = []
+    for index in range(150):
+        if sum(owner[found] == owner[index]) < PER_OBJECT:
+            found.append(index)
+    least = confidence[found[RANKS - 1]]
+    expected = [index for index in found if confidence[index] >= least]
+    assert ranked(confidence, owner).tolist() == expected
 
 
 def test_ten_grasps_of_each_object_are_judged():

@@ -24,7 +24,10 @@ MAX_HOLE = 0.06  # of the image's width, half-axis of an elliptic hole in the de
 MAX_EDGE_LOSS = 0.6  # share of the pixels at depth edges that lose their depth
 EDGE = 0.015  # metres between neighbouring pixels that make an edge
 HUE_CHANGES = 0.3  # share of views with other hues
-BLURS, MAX_BLUR = 0.4, 1.5  # share of views out of focus; standard deviation in pixels
+SATURATION = (0.0, 1.5)  # factor of the distance from grey, in as many views
+LIGHT = (0.6, 1.4)  # factor of each channel
+GAMMA = (0.6, 1.7)  # exponent of values in [0, 1]
+BLURS, BLUR = 0.4, (0.3, 1.5)  # share of views out of focus; standard deviation in pixels
 MAX_COLOR_NOISE = 0.05  # standard deviation, of full brightness
 STREAM_LOSS = 0.12  # share of views without colour, and of views without geometry
 MIN_REGION_PIXELS = 30  # at the detector's size; smaller regions cannot be learned from
@@ -112,13 +115,11 @@ def random_colors(color: NDArray[np.uint8], rng: np.random.Generator) -> NDArray
         values = values[..., rng.permutation(3)]
     if rng.random() < HUE_CHANGES:
         grey = values.mean(axis=-1, keepdims=True)
-        values = grey + rng.uniform(0.0, 1.5) * (values - grey)
-    light = rng.uniform(0.6, 1.4, 3).astype(np.float32)
-    values = np.asarray(np.clip(values * light, 0.0, 1.0) ** rng.uniform(0.6, 1.7), np.float32)
+        values = grey + rng.uniform(*SATURATION) * (values - grey)
+    light = rng.uniform(*LIGHT, 3).astype(np.float32)
+    values = np.asarray(np.clip(values * light, 0.0, 1.0) ** rng.uniform(*GAMMA), np.float32)
     if rng.random() < BLURS:
-        values = np.asarray(
-            cv2.GaussianBlur(values, (0, 0), rng.uniform(0.3, MAX_BLUR)), np.float32
-        )
+        values = np.asarray(cv2.GaussianBlur(values, (0, 0), rng.uniform(*BLUR)), np.float32)
     noise = MAX_COLOR_NOISE * rng.random() * rng.standard_normal(values.shape, np.float32)
     return np.asarray(np.clip(255.0 * (values + noise), 0.0, 255.0), np.uint8)
 

@@ -23,6 +23,10 @@ PATCH_RADII = (0.08, 0.16, 0.32, 2.0)  # of the diameter; the last covers the wh
 PATCH_SAMPLES = 1300  # at least, in all patches
 KEPT_AXES = 5  # the most
 SAME_LINE_ANGLE, SAME_LINE_OFFSET = float(np.radians(6.0)), 0.03  # radians, of the diameter
+# Of the moments' scale: keeps the motions solvable that a surface does not determine, such as the
+# shift along a cylinder.
+DAMPING = 1e-5
+THINNEST = 1e-9  # of the diameter or of a moment, instead of zero
 LEAN_SCALES = (0.5, 0.35, 0.25)  # Tukey scales of the normals' sideways lean, per step of the fit
 
 
@@ -77,8 +81,8 @@ def _fitted(points: Array, normals: Array, weights: Array) -> tuple[Array, Array
         -1, 6, 6
     )
     turning, mixed, moving = moment[:, :3, :3], moment[:, :3, 3:], moment[:, 3:, 3:]
-    scale = np.trace(moving, axis1=1, axis2=2)[:, None, None] + 1e-9
-    back = np.linalg.solve(moving + 1e-5 * scale * np.eye(3), mixed.swapaxes(1, 2))
+    scale = np.trace(moving, axis1=1, axis2=2)[:, None, None] + THINNEST
+    back = np.linalg.solve(moving + DAMPING * scale * np.eye(3), mixed.swapaxes(1, 2))
     directions = np.linalg.eigh(turning - mixed @ back)[1][:, :, 0]
     velocity = -np.einsum("kij,kj->ki", back, directions)
     return directions, np.cross(directions, velocity)
@@ -88,7 +92,7 @@ def _leans(points: Array, normals: Array, directions: Array, feet: Array) -> Arr
     """Return the sines (k, n) between each normal and the plane through axis and sample."""
     sideways = np.cross(directions[:, None], points[None] - feet[:, None])
     radius = np.linalg.norm(sideways, axis=2)
-    return np.asarray(np.einsum("nd,knd->kn", normals, sideways) / np.maximum(radius, 1e-9))
+    return np.asarray(np.einsum("nd,knd->kn", normals, sideways) / np.maximum(radius, THINNEST))
 
 
 def same_line(first: Axis, second: Axis) -> bool:

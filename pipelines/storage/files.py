@@ -152,6 +152,17 @@ def write_bytes(path: Path, *parts: bytes | memoryview) -> None:
         stream.writelines(parts)
 
 
+def append_bytes(path: Path, data: bytes) -> None:
+    """Write `data` at the end of the file `path`, which is made if it does not exist.
+
+    Raises:
+        WriteError: there is no space, or the file or its folder may not be written.
+    """
+    make_folder(path.parent)
+    with _write_errors_named(path, NO_SPACE | NOT_ALLOWED), path.open("ab") as stream:
+        stream.write(data)
+
+
 def write_text(path: Path, text: str) -> None:
     """Write `text` as UTF-8 to `path` atomically."""
     write_bytes(path, text.encode())

@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import torch
 
@@ -35,6 +34,7 @@ from pipelines.learning.loop.runs import (
 )
 from pipelines.learning.loop.trainee import Items, Trainee
 from pipelines.learning.progress.display import Display
+from pipelines.learning.progress.scalars import Scalars
 from pipelines.learning.speed.gradients import (
     GradientWorkers,
     Loaded,
@@ -48,9 +48,6 @@ from pipelines.learning.speed.weight_average import WeightAverage
 from pipelines.runtime.batch import StageReport
 from pipelines.runtime.stopping import StopReason, StopSignals, TrainingStopped
 from pipelines.storage.provenance import Stamp
-
-if TYPE_CHECKING:
-    from torch.utils.tensorboard import SummaryWriter
 
 LearningConfig = TrainConfig | FinetuneDetectorConfig | TrainCriticConfig | TrainBaselineConfig
 CLIP_NORM = 10.0  # longest gradient; longer ones are scaled to this norm
@@ -113,7 +110,7 @@ class TrainingRun:
         with ExitStack() as stack:
             stack.enter_context(self.signals.recorded(expects_repeats=self.processes.count > 1))
             with self.signals.ending_at_once():  # before the first step nothing is lost
-                self.writer = self._open_writer(stack)
+                self.scalars = self._new_scalars()
             self.display = stack.enter_context(self._make_display())
             stack.enter_context(intra_op_threads(self.request.threads))
             workers = stack.enter_context(self._make_workers())
@@ -135,17 +132,11 @@ class TrainingRun:
             )
         return self.progress
 
-    def _open_writer(self, stack: ExitStack) -> "SummaryWriter | None":
+    def _new_scalars(self) -> Scalars | None:
         if not self.processes.is_first:
             return None
-        from torch.utils.tensorboard import SummaryWriter  # noqa: PLC0415 - slow to import
-
-        # Removes an earlier run's scalars of later steps, or all scalars if this run starts anew.
-        purge = self.progress.total_steps + 1
-        writer: SummaryWriter = stack.enter_context(
-            SummaryWriter(str(file_of_run(self.output, LOGS)), purge_step=purge)
-        )
-        return writer
+        # Hides an earlier run's scalars of later steps, or all scalars if this run starts anew.
+        return Scalars(file_of_run(self.output, LOGS), self.progress.total_steps + 1)
 
     def _make_display(self) -> Display:
         shown, bar = self.processes.is_first, self.request.progress
@@ -237,17 +228,17 @@ class TrainingRun:
             group["lr"] = self.config.learning_rate * self.config.decay**drops
 
     def _validate(self, *, whole_epoch: bool) -> None:
-        if self.writer is not None:  # the other processes wait for the next step of the first
+        if self.scalars is not None:  # the other processes wait for the next step of the first
             figures, weights = self._figures_and_weights()
         if whole_epoch:
             self.progress.epoch, self.progress.step = self.progress.epoch + 1, 0
-        if self.writer is None:
+        if self.scalars is None:
             return
         self.progress.history.add_figures(self.progress.total_steps, figures)
         # The module has its own weights again, so that this may write a checkpoint.
         self.files.keep_if_best(figures, weights, self.progress, whole_epoch=whole_epoch)
         for name, figure in figures.items():
-            self.writer.add_scalar(f"val/{name}", figure, self.progress.total_steps)
+            self.scalars.add(f"val/{name}", figure, self.progress.total_steps)
         text = ", ".join(f"{name} {figure:.4g}" for name, figure in figures.items())
         self.display.say(f"validation after {counted(self.progress.total_steps, 'step')}: {text}")
 
@@ -265,10 +256,10 @@ class TrainingRun:
         epoch = f"{progress.epoch + 1}/{self.config.epochs}"
         left = self._seconds_left(self._steps_an_epoch(batches))
         self.display.step(epoch, progress.step, total, self._losses, left)
-        if self.writer is not None and now - self._logged > LOG_SECONDS:
+        if self.scalars is not None and now - self._logged > LOG_SECONDS:
             self._logged = now
             for name, value in self._losses.items():
-                self.writer.add_scalar(f"train/{name}", value, progress.total_steps)
+                self.scalars.add(f"train/{name}", value, progress.total_steps)
         if now - self.files.saved > CHECKPOINT_SECONDS:
             self._save_checkpoint()
 

@@ -21,7 +21,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from torch import nn
 
 from pipelines.configs import TrainBaselineConfig, TrainConfig
-from pipelines.errors import FormatError, SymgraspError, ValueRangeError
+from pipelines.errors import FormatError, SymgraspError, ValueRangeError, WriteError
 from pipelines.learning.loop import loop
 from pipelines.learning.loop.faults import read_fault
 from pipelines.learning.loop.loop import TrainingRun
@@ -40,6 +40,7 @@ from pipelines.learning.speed.processes import Processes
 from pipelines.runtime.stopping import StopReason, StopSignals, TrainingStopped
 from pipelines.storage.checkpoints import load_weights, save_weights
 from pipelines.storage.provenance import make_stamp
+from tests.storage.full_disk import little_space
 
 CONFIG = TrainConfig(epochs=3, learning_rate=0.01, decay=0.5, decay_epochs=1.0, ema_decay=0.9)
 REQUEST = RunRequest(threads=1)
@@ -282,7 +283,7 @@ def test_a_signal_during_validation_ends_at_once_and_loses_no_step(tmp_path, who
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_before_the_first_step_ends_at_once(tmp_path, monkeypatch, number):
     output = tmp_path / "line.safetensors"
-    monkeypatch.setattr(TrainingRun, "_open_writer", signalled_by(number))
+    monkeypatch.setattr(TrainingRun, "_new_scalars", signalled_by(number))
     with ending_at_once(number):
         trained(output)
     assert not output.exists()
@@ -642,6 +643,12 @@ def test_the_curves_of_a_training_that_starts_anew_show_no_earlier_one(tmp_path)
     steps = [event.step for event in read.Scalars(tag)]
     assert len(steps) == 2
     assert steps == sorted(steps)
+
+
+def test_a_full_disk_is_reported_in_one_sentence_without_a_traceback(tmp_path, capfd):
+    with little_space(0), pytest.raises(WriteError, match=r"events.* cannot be written"):
+        trained(tmp_path / "line.safetensors")
+    assert "Traceback" not in capfd.readouterr().err
 
 
 def test_a_resumed_run_keeps_the_scalars_of_all_validations(tmp_path):

@@ -47,10 +47,14 @@ def write_curves(path: Path, history: History, best_by: str) -> None:
 
 
 def charts_of(history: History, best_by: str) -> list[Chart]:
-    """Return the charts: the loss of training and validation in one chart, then one per curve."""
+    """Return the charts: the loss of training and validation in one chart, then one per curve.
+
+    Curves are in order of their names, as a checkpoint keeps no other order.
+    """
+    val, train = sorted(history.val), sorted(history.train)
     charts = [Chart("loss", history.curve("total"), history.val.get("loss", []))]
-    charts += [Chart(name, [], points) for name, points in history.val.items() if name != "loss"]
-    charts += [Chart(name, history.curve(name), []) for name in history.train if name != "total"]
+    charts += [Chart(name, [], history.val[name]) for name in val if name != "loss"]
+    charts += [Chart(name, history.curve(name), []) for name in train if name != "total"]
     charts = [Chart(each.title, _finite(each.train), _finite(each.val)) for each in charts]
     charts = [chart for chart in charts if chart.train or chart.val]
     return sorted(charts, key=lambda chart: chart.title != best_by)

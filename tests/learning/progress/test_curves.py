@@ -44,6 +44,15 @@ def test_a_history_survives_the_checkpoint():
     assert [value for _, value in again.history.val["loss"]] == [1.5, 1.0]
 
 
+def test_the_picture_of_a_resumed_training_is_that_of_an_uninterrupted_one():
+    history = History()
+    history.add_losses({"total": 3.0, "part": 2.0, "another": 1.0})
+    history.add_figures(1, {"loss": 1.5, "b": 20.0, "a": 2.0})
+    content = json.loads(json.dumps(asdict(Progress(history=history)), sort_keys=True))
+    resumed = Progress.of(content, Path("c.safetensors")).history
+    assert charts_of(resumed, "b") == charts_of(history, "b")
+
+
 @given(st.floats(-1e6, 1e6), st.floats(1e-6, 1e6))
 def test_ticks_are_few_round_numbers_within_the_range(low, span):
     found = ticks(low, low + span)

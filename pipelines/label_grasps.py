@@ -35,7 +35,7 @@ from pipelines.dataset.meshes import (
     write_mesh,
 )
 from pipelines.dataset.numbered_meshes import NumberedMesh, numbered_meshes, write_object_list
-from pipelines.errors import SymgraspError, ValueRangeError, WriteError, error_sentence
+from pipelines.errors import SymgraspError, ValueRangeError, WriteError, counted, error_sentence
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.geometry.meshes.signed_distance import signed_distance_grid
 from pipelines.geometry.meshes.winding import turned_outward
@@ -277,4 +277,5 @@ def _summary(parts: Sequence[Path]) -> str:
     points = sum(len(array) for array in part_arrays(parts, "points"))
     free = sum(int((~array).sum()) for array in part_arrays(parts, "collision"))
     holding = sum(int((array > 0.0).sum()) for array in part_arrays(parts, "scores"))
-    return f"{points:,} points, {holding:,} grasps hold, {free:,} of them without collision"
+    hold = "1 grasp holds" if holding == 1 else f"{holding:,} grasps hold"
+    return f"{counted(points, 'point')}, {hold}, {free:,} of them without collision"

@@ -25,7 +25,7 @@ from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.held_back import refuse_held_back
 from pipelines.dataset.scene_digests import inputs_of_scenes
 from pipelines.dataset.training.region_frames import strided_frames
-from pipelines.errors import ValueRangeError
+from pipelines.errors import ValueRangeError, counted
 from pipelines.evaluation.truth import TruthReader
 from pipelines.grasping.critics import critic_files
 from pipelines.inference import models
@@ -142,11 +142,11 @@ def _warn_of_shared_objects(
         own = _meshes(items[root])
         if shared := len(own & learned):
             log.warning(
-                "%d of the %d objects of %s are trained on too: the calibration is too confident; "
+                "objects of %s are trained on too (%d of %d): the calibration is too confident; "
                 "give a --calibrate with other objects",
+                root,
                 shared,
                 len(own),
-                root,
             )
 
 
@@ -218,7 +218,7 @@ def collect_scene(
             parts += collector.rows(kind, files, rng)
     rows = CriticRows.joined(parts)
     critic_rows.write(item.target, rows, item.stamp)
-    return f"{len(rows)} candidates"
+    return counted(len(rows), "candidate")
 
 
 @lru_cache(maxsize=1)
@@ -255,5 +255,5 @@ def _trained(training: TrainingRun, trainee: CriticTraining, *, resumes: bool) -
     """Train a network, calibrated on the held-out roots; return a note."""
     if resumes:
         training.resume()
-    counts = f"{len(trainee.rows)} and {len(trainee.held)} candidates"
-    return f"{counts}; {describe(training.run())}"
+    learned, held = counted(len(trainee.rows), "candidate"), len(trainee.held)
+    return f"{learned} learned from, {held} calibrated on; {describe(training.run())}"

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from pipelines.configs import NetworkConfig, TrainConfig
 from pipelines.dataset.training.packed_regions import PackedReader
-from pipelines.errors import errors_as_sentences
+from pipelines.errors import counted, errors_as_sentences
 from pipelines.inference import models
 from pipelines.learning.grasp_network.grasp_training import VALIDATION_BATCH, GraspTraining
 from pipelines.learning.grasp_network.region_sources import RegionSet, TrainingRegions
@@ -85,7 +85,7 @@ def main() -> None:
     with models.one_thread_each():
         for path in options.networks:
             found = ", ".join(f"{key} {value:.4g}" for key, value in figures(path, regions).items())
-            sys.stdout.write(f"{path}: {len(reader)} regions, {found}\n")
+            sys.stdout.write(f"{path}: {counted(len(reader), 'region')}, {found}\n")
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ import numpy as np
 from pipelines.array_types import Array
 from pipelines.configs import EvaluateConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
-from pipelines.errors import FormatError, MissingInputError, errors_as_sentences
+from pipelines.errors import FormatError, MissingInputError, counted, errors_as_sentences
 from pipelines.evaluation.rows import OURS
 from pipelines.evaluation.runs.records import FrameRecord, read_frame_records, records_folder
 from pipelines.evaluation.truth import TruthReader
@@ -117,8 +117,8 @@ def main(report: Path, root: GraspNetRoot) -> None:
         is_held, quality = np.array(tally.held), np.array(tally.best)
         more, none = (~is_held & (quality > 0)).sum(), (quality == 0).sum()
         sys.stdout.write(
-            f"{split}: {len(is_held)} objects, {is_held.sum()} held, {more} more could be, "
-            f"{none} by no grasp found; best quality {quality.mean():.3f}\n"
+            f"{split}: {counted(len(is_held), 'object')}, {is_held.sum()} held, "
+            f"{more} more could be, {none} by no grasp found; best quality {quality.mean():.3f}\n"
         )
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from pipelines.configs import EvaluateConfig, SimulateConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
-from pipelines.errors import SymgraspError, ValueRangeError, errors_as_sentences
+from pipelines.errors import SymgraspError, ValueRangeError, counted, errors_as_sentences
 from pipelines.evaluation.frame_scores import assign_regions
 from pipelines.evaluation.predictions import FramePredictions
 from pipelines.evaluation.runs.trial_records import HELD
@@ -124,7 +124,7 @@ def main(grasps: Path, root: GraspNetRoot, stride: int, friction: float) -> None
     gripper, tried = load_gripper(index.gripper), []
     for result in read_dataset_frames(grasps, range(0, len(index.names), stride)):
         tried += list(tried_grasps(result, root, gripper, friction))
-        sys.stderr.write(f"{result.name}: {len(tried)} grasps tried\n")
+        sys.stderr.write(f"{result.name}: {counted(len(tried), 'grasp')} tried\n")
     if not tried:
         raise SymgraspError(f"{grasps} has no grasp on an object of {root.root}; give other grasps")
     sys.stdout.write("\n".join(reliability_rows(tried)) + "\n")
@@ -132,8 +132,9 @@ def main(grasps: Path, root: GraspNetRoot, stride: int, friction: float) -> None
     held = np.mean([each.held for each in tried])
     expected = np.mean([each.score for each in tried])
     sys.stdout.write(
-        f"{gripper.name}, friction {friction:g}: {len(tried)} grasps, mean score {expected:.3f}, "
-        f"success {held:.3f}, more by {more:.3f} ({low:.3f} to {high:.3f})\n"
+        f"{gripper.name}, friction {friction:g}: {counted(len(tried), 'grasp')}, "
+        f"mean score {expected:.3f}, success {held:.3f}, "
+        f"more by {more:.3f} ({low:.3f} to {high:.3f})\n"
     )
 
 

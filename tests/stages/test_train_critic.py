@@ -306,7 +306,7 @@ def test_objects_that_are_both_trained_and_calibrated_on_are_named(
         path.write_bytes(path.read_bytes() + b"\n")
     run("axes", [roots[0], held], tmp_path / "axes.safetensors")
     (message,) = (each.getMessage() for each in caplog.records)
-    assert message.startswith(f"3 of the 3 objects of {roots[1]} are trained on too: ")
+    assert message.startswith(f"objects of {roots[1]} are trained on too (3 of 3): ")
 
 
 def test_a_faulty_scene_fails_alone_and_no_critic_is_written(roots, tmp_path):

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.contents import reason
-from pipelines.errors import FormatError, MissingInputError, errors_as_sentences
+from pipelines.errors import FormatError, MissingInputError, counted, errors_as_sentences
 from pipelines.learning.peers.peer import (
     Arrays,
     count_peer_frames,
@@ -145,4 +145,4 @@ if __name__ == "__main__":
     options = parser.parse_args()
     with errors_as_sentences():
         done = commands[options.command](options.packed, options.folder)
-    sys.stdout.write(f"{done} frames\n")
+    sys.stdout.write(f"{counted(done, 'frame')}\n")

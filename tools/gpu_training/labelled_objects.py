@@ -20,7 +20,7 @@ from pipelines.array_types import Array
 from pipelines.configs import EndlessConfig
 from pipelines.contents import reason
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
-from pipelines.errors import FormatError, ValueRangeError, errors_as_sentences
+from pipelines.errors import FormatError, ValueRangeError, counted, errors_as_sentences
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.region_masks import RegionedObject
 from pipelines.geometry.symmetry import (
@@ -194,4 +194,4 @@ if __name__ == "__main__":
     options = parser.parse_args()
     with errors_as_sentences():
         count = write(options.out, options.roots)
-    sys.stdout.write(f"{count} objects\n")
+    sys.stdout.write(f"{counted(count, 'object')}\n")

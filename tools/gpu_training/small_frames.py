@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pipelines.contents import reason
 from pipelines.dataset.training import detector_frames
 from pipelines.dataset.training.detector_frames import DetectorFrame
-from pipelines.errors import FormatError, ValueRangeError, errors_as_sentences
+from pipelines.errors import FormatError, ValueRangeError, counted, errors_as_sentences
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.pointcloud import Plane
 from pipelines.storage.array_files import DAMAGED, write_npz
@@ -114,7 +114,7 @@ def main() -> None:
     parser.add_argument("--stride", type=int, default=1, help="take every n-th frame")
     options = parser.parse_args()
     count = write(options.out, options.folders, options.stride)
-    sys.stdout.write(f"{count} frames\n")
+    sys.stdout.write(f"{counted(count, 'frame')}\n")
 
 
 if __name__ == "__main__":

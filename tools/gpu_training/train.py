@@ -12,7 +12,7 @@ from torch import Tensor
 from pipelines.configs import EndlessConfig, TrainConfig
 from pipelines.configs.presets import PRESETS, preset_settings
 from pipelines.configs.settings import changed, changed_by_text
-from pipelines.errors import ValueRangeError, errors_as_sentences
+from pipelines.errors import ValueRangeError, counted, errors_as_sentences
 from pipelines.learning.grasp_network.grasp_training import Sample, sample_loss
 from pipelines.learning.loop.loop import CLIP_NORM, LOG_SECONDS
 from pipelines.network import pointnet2, sampling
@@ -211,7 +211,9 @@ def run_training(options: argparse.Namespace) -> None:
         steps += 1
         if now - reported > LOG_SECONDS:
             reported = now
-            sys.stdout.write(f"step {steps}, {ring.seen} regions, loss {float(step.loss):.3f}\n")
+            sys.stdout.write(
+                f"step {steps}, {counted(ring.seen, 'region')}, loss {float(step.loss):.3f}\n"
+            )
             sys.stdout.flush()
     renderers.end()
     metadata = weights_metadata(SymmetryGraspNet.__name__, config.network)

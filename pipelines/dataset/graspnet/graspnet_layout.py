@@ -8,7 +8,7 @@ import numpy as np
 
 from pipelines.array_types import Array
 from pipelines.dataset import convex_pieces
-from pipelines.errors import FormatError, SymgraspError
+from pipelines.errors import FormatError, SymgraspError, counted
 from pipelines.frames.graspnet_scene import read_object_ids, read_pose_array
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh
@@ -113,7 +113,9 @@ class SceneFiles:
         poses = self.camera_poses
         if frame_id >= len(poses):
             path = self.camera_folder / "camera_poses.npy"
-            raise FormatError(path, f"holds {len(poses)} poses", f"frame {frame_id} has none")
+            raise FormatError(
+                path, f"holds {counted(len(poses), 'pose')}", f"frame {frame_id} has none"
+            )
         return np.asarray(self.cam0_wrt_table @ poses[frame_id])
 
     @property

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from pipelines.array_types import Array
-from pipelines.errors import FormatError
+from pipelines.errors import FormatError, counted
 from pipelines.geometry.meshes.signed_distance import SignedDistanceGrid
 from pipelines.storage.files import atomic_path, existing
 
@@ -57,7 +57,7 @@ def read_sdf(path: Path) -> SignedDistanceGrid:
             path, f"not a list of numbers ({error})", "SDFGen text is expected"
         ) from error
     if len(numbers) < HEADER_NUMBERS:
-        found = f"only {len(numbers)} numbers"
+        found = f"only {counted(len(numbers), 'number')}"
         raise FormatError(path, found, "nx ny nz, origin, spacing and values are expected")
     shape, spacing = tuple(int(n) for n in numbers[:3] if 1 <= n < LARGEST), numbers[6]
     is_placed = (np.abs(numbers[3:HEADER_NUMBERS]) < LARGEST).all() and spacing > 0
@@ -65,7 +65,9 @@ def read_sdf(path: Path) -> SignedDistanceGrid:
         raise FormatError(path, "a header without a size", "nx ny nz, origin, spacing")
     values = numbers[HEADER_NUMBERS:]
     if len(values) != np.prod(shape):
-        raise FormatError(path, f"{len(values)} values", f"a grid of {shape} has {np.prod(shape)}")
+        raise FormatError(
+            path, counted(len(values), "value"), f"a grid of {shape} has {np.prod(shape)}"
+        )
     if not np.isfinite(values).all():
         raise FormatError(path, "distances that are not finite", "metres are expected")
     return SignedDistanceGrid(values.reshape(shape, order="F"), numbers[3:6].copy(), float(spacing))

@@ -19,7 +19,7 @@ import numpy as np
 from pipelines.array_types import Indices
 from pipelines.contents import reading
 from pipelines.dataset.symmetry.symmetry_labels import symmetries_from_json, triangles_from_json
-from pipelines.errors import FormatError
+from pipelines.errors import FormatError, counted
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.symmetry import Symmetry
 from pipelines.storage.files import read_json
@@ -66,10 +66,10 @@ def check_triangles(path: Path, regions: Iterable[tuple[str, Indices]], mesh: Me
             raise FormatError(path, f"region {name!r} names a triangle twice", "name it once")
         shared = triangles[owner[triangles] != ""]
         if len(shared):
+            number = counted(len(shared), "triangle")
             raise FormatError(
                 path,
-                f"regions {owner[shared[0]]!r} and {name!r} share {len(shared)} triangles, "
-                f"{shared[0]} the first",
+                f"regions {owner[shared[0]]!r} and {name!r} share {number}, {shared[0]} the first",
                 "a triangle is in one region at most",
             )
         owner[triangles] = name or "?"

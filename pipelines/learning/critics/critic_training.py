@@ -10,7 +10,7 @@ from torch.nn import functional
 
 from pipelines.array_types import Array, Indices
 from pipelines.configs import TrainCriticConfig, from_settings
-from pipelines.errors import ValueRangeError
+from pipelines.errors import ValueRangeError, counted
 from pipelines.grasping.critics.point_critic import (
     LAST_WIDTHS,
     POINT_WIDTHS,
@@ -88,7 +88,7 @@ class CriticTraining:
     ) -> None:
         for name, part in (("to learn from", rows), ("to calibrate on", held)):
             if not 0.0 < (part.truth.mean() if len(part) else 0.0) < 1.0:
-                found = f"{len(part)} candidates {name}"
+                found = f"{counted(len(part), 'candidate')} {name}"
                 raise ValueRangeError(found, "not both true and false", "some of both")
         self.rows, self.held, self.config = rows, held, config
         self.mirrored = list(kind.mirrored)

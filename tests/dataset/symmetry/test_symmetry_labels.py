@@ -135,7 +135,7 @@ AXIS = {"kind": "rotation", "axis": [0, 0, 1], "point": [0, 0, 0]}
         ([{"box": [[None, 0, 0], [1, 1, 1]]}], "corners|two corners"),
         (
             [{"name": "a", "triangles": [0, 1]}, {"name": "b", "triangles": [2, 1]}],
-            "'a' and 'b' share 1 triangles, 1 the first; a triangle is in one",
+            "'a' and 'b' share 1 triangle, 1 the first; a triangle is in one",
         ),
         ([], "is empty"),
         ([{"triangles": [0], "symmetries": [{**AXIS, "axis": [0, 0, 10]}]}], "unit vector"),

@@ -55,6 +55,12 @@ def test_a_step_of_grasps_takes_whole_groups_and_an_epoch_takes_every_candidate_
     assert sum(map(len, groups)) == 90
 
 
+def test_a_single_candidate_is_refused_in_the_singular():
+    one = replace(made_rows(PLANES, groups=1, size=1), truth=np.ones(1, np.float32))
+    with pytest.raises(ValueRangeError, match=r"^1 candidate to learn from is not both true and"):
+        CriticTraining(PLANES, one, made_rows(PLANES), CONFIG)
+
+
 def test_a_step_of_planes_takes_any_candidates():
     trainee = training(PLANES, groups=25, size=10)
     taken = [np.concatenate(batch) for batch in trainee.epoch(0, np.random.default_rng(0))]

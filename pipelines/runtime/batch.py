@@ -23,6 +23,7 @@ from pipelines.errors import (
 )
 from pipelines.runtime.clusters import (
     CLUSTERS,
+    WORKER_ENDED,
     WorkerEndedError,
     check_backend,
     one_by_one,
@@ -35,7 +36,6 @@ log = logging.getLogger(__name__)
 
 CHOSEN = 0  # value of `workers`
 SUSPECTS = 2  # items per worker that are done one by one after a worker was killed
-WORKER_ENDED = "its process was ended from outside, most likely for lack of memory"
 NO_MEMORY = "there is not enough memory for it; give fewer --workers"
 PASSING = {WORKER_ENDED, NO_MEMORY}  # failures that need not happen again
 Attempted = tuple[str | None, str | None]  # the note of an item, and the sentence of its failure
@@ -243,7 +243,7 @@ def _outcomes_of_workers(
                     done += 1
                     yield outcome
         except WorkerEndedError:
-            log.warning("a worker process was ended from outside, most likely for lack of memory")
+            log.warning(WORKER_ENDED)
             for found in one_by_one(attempt, todo[done : done + SUSPECTS * workers]):
                 done += 1
                 yield found or (None, WORKER_ENDED)

@@ -37,6 +37,7 @@ BACKENDS = ("loky", "threading", "dask", "ray")
 CLUSTERS = ("dask", "ray")
 # Ray hides the GPUs from tasks that reserve none, as joblib's tasks do; --device chooses the GPU.
 SEE_ALL_GPUS = {"RAY_EXPERIMENTAL_NOSET_CUDA_VISIBLE_DEVICES": "1"}
+WORKER_ENDED = "a worker process was ended from outside, most likely for lack of memory"
 LONGEST_ITEM = 60.0  # seconds to wait for an item of an interrupted batch
 TUNABLES, HUGE_PAGES = "GLIBC_TUNABLES", "glibc.malloc.hugetlb=1"
 
@@ -46,8 +47,7 @@ class WorkerEndedError(SymgraspError):
 
     def __init__(self) -> None:
         super().__init__(
-            "a worker process was ended from outside, most likely for lack of memory; "
-            "give fewer --workers, the same command continues from here"
+            f"{WORKER_ENDED}; give fewer --workers, the same command continues from here"
         )
         self.arguments = ()
 

@@ -68,8 +68,10 @@ def run(
         # Without the failed scenes the split would differ: training scenes might validate a model.
         count = f"{len(report.failed)} of {counted(len(items), 'scene')} failed"
         report.notes["splits"] = f"not joined to annotations/, as {count}"
+        report.has_next = False
     elif not options.dry_run:
         report.notes["splits"] = _join(splits, config, options)
+        report.has_next = all(split.arguments for split in splits)
     return report
 
 

@@ -71,7 +71,21 @@ def run(
             f"{counted(len(others), 'packed scene')} of other runs, which train reads too; remove "
             f"what is of another dataset, for example {others[0]}"
         )
+    elif report.done or report.skipped:
+        _note_lack_of_scenes([item.target for item in items if item.target.exists()], report)
     return report
+
+
+def _note_lack_of_scenes(packed: Sequence[Path], report: StageReport) -> None:
+    """Note if `train` cannot hold out a scene to validate on."""
+    counts = map(packed_regions.count_regions, packed)
+    scenes = packed_regions.scenes_with_regions(packed, counts)
+    if len(scenes) < 2:
+        report.has_next = False
+        report.notes["regions"] = (
+            f"of {counted(len(scenes), 'scene')}; train needs those of 2, or other packed regions "
+            "with --val"
+        )
 
 
 def pack_scene(item: WorkItem, root: GraspNetRoot, config: PackConfig, seed: int) -> str:

@@ -57,7 +57,9 @@ def run(
     root = GraspNetRoot.finished(source)
     items = [_item(root, object_id, config, seed) for object_id in root.object_ids()]
     step = partial(refine_file, root=root, config=config, seed=seed)
-    return run_batch(STAGE, items, step, options or BatchOptions())
+    report = run_batch(STAGE, items, step, options or BatchOptions())
+    report.has_next = (source / "scenes").is_dir() and bool(root.scenes(split="train"))
+    return report
 
 
 def refine_file(item: WorkItem, root: GraspNetRoot, config: RefineGraspsConfig, seed: int) -> str:

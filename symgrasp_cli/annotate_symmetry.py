@@ -60,5 +60,6 @@ def annotate_symmetry(
         source, out, config, extras=extras, seed=seed, mesh_scale=mesh_scale, options=options
     )
     symmetries = source / "symmetry" if out is None else out
-    then = ("refine-grasps", source) if (source / "grasp_label").is_dir() else ()
+    is_labelled = symmetries == source / "symmetry" and (source / "grasp_label").is_dir()
+    then = ("refine-grasps", source) if is_labelled else ()
     conclude(report, symmetries, pictures, bop, then=then)

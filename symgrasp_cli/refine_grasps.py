@@ -34,5 +34,4 @@ def refine_grasps(
     from pipelines import refine_grasps as stage
 
     report = stage.run(root, config, seed=seed, options=options)
-    then = ("pack", root, "--out", "packed") if (root / "scenes").is_dir() else ()
-    conclude(report, root / "affordance", then=then)
+    conclude(report, root / "affordance", then=("pack", root, "--out", "packed"))

@@ -75,14 +75,15 @@ def conclude(
 
     Exits with 1 if anything failed. `outputs`: files and folders that were to be written; None is
     left out. `then`: words of the next `symgrasp` command; it is left out if nothing is
-    finished, or no output exists yet. `tables`: printed on stdout, or part of the JSON object.
-    `lines`: further sentences for people. `facts`: further entries of the JSON object.
+    finished, no output exists yet, or the report does not allow it. `tables`: printed on stdout,
+    or part of the JSON object. `lines`: further sentences for people. `facts`: further entries of
+    the JSON object.
     """
     if os.environ.get("TORCHELASTIC_RUN_ID") and os.environ.get("RANK", "0") != "0":
         raise typer.Exit(report.exit_code)  # only torchrun's first process reports
     written = [str(each) for each in outputs if each is not None and each.exists()]
     exists = bool(written) or not any(outputs)  # a training may stop before the first weights
-    is_next = bool(then) and exists and bool(report.done or report.skipped)
+    is_next = bool(then) and report.has_next and exists and bool(report.done or report.skipped)
     following = shlex.join(["symgrasp", *map(str, then)]) if is_next else None
     if report_style().as_json:
         found = {"tables": [asdict(table) for table in tables]} if tables else {}

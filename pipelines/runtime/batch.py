@@ -86,6 +86,7 @@ class StageReport:
     failed: dict[str, str] = dataclasses.field(default_factory=dict)
     notes: dict[str, str] = dataclasses.field(default_factory=dict)
     seconds: float = 0.0
+    has_next: bool = True  # whether the usual next command can work on the outputs
 
     @property
     def exit_code(self) -> int:

@@ -6,7 +6,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from pipelines import refine_grasps
+from pipelines import annotate_symmetry
 from pipelines.configs import SimulateConfig
 from pipelines.evaluation.reports.tables import Table
 from pipelines.runtime.batch import StageReport
@@ -59,15 +59,15 @@ def test_a_report_names_counts_the_output_and_the_next_command(capsys, tmp_path)
     ]
 
 
-@pytest.mark.parametrize("has_scenes", [True, False])
-def test_pack_is_next_after_labels_only_where_there_are_scenes(tmp_path, monkeypatch, has_scenes):
-    if has_scenes:
-        (tmp_path / "scenes").mkdir()
-    (tmp_path / "affordance").mkdir()
-    report = StageReport("refine-grasps", ["000"])
-    monkeypatch.setattr(refine_grasps, "run", lambda *_, **__: report)
-    result = CliRunner().invoke(app, ["refine-grasps", str(tmp_path)])
-    assert ("next: symgrasp pack" in result.stderr) == has_scenes
+@pytest.mark.parametrize("out", ["symmetry", "elsewhere"])
+def test_labels_are_refined_next_only_where_their_symmetries_are(tmp_path, monkeypatch, out):
+    for folder in ("grasp_label", out):
+        (tmp_path / folder).mkdir()
+    report = StageReport("annotate-symmetry", ["000"])
+    monkeypatch.setattr(annotate_symmetry, "run", lambda *_, **__: report)
+    arguments = ["annotate-symmetry", str(tmp_path), "--out", str(tmp_path / out)]
+    result = CliRunner().invoke(app, arguments)
+    assert ("next: symgrasp refine-grasps" in result.stderr) == (out == "symmetry")
 
 
 def test_evaluate_is_next_after_trials_with_the_settings_that_decide_on_their_objects():
@@ -83,6 +83,11 @@ def test_no_next_command_is_named_where_nothing_is_finished(capsys, tmp_path):
     assert code == 1
     assert "error: b: it is bad" in err
     assert "next:" not in err
+
+
+def test_no_next_command_is_named_that_would_be_refused(capsys, tmp_path):
+    report = StageReport("pack", done=["a"], has_next=False)
+    assert "next:" not in reported(capsys, tmp_path, report, then=("train",))[1]
 
 
 def test_no_next_command_is_named_before_there_is_an_output(capsys, tmp_path):

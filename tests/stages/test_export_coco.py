@@ -42,6 +42,7 @@ def exported(root, tmp_path_factory):
     folder = tmp_path_factory.mktemp("coco")
     report = export_coco.run(root.root, folder, CONFIG, split=None, options=QUIET)
     assert len(report.done) == len(SCENES)
+    assert report.has_next
     return folder
 
 
@@ -246,6 +247,7 @@ def test_a_share_of_zero_holds_out_no_scene(root, tmp_path):
     assert report.notes["splits"].endswith("val: 0 images, 0 regions")
     assert len(coco(tmp_path).getImgIds()) == len(SCENES) * len(FRAMES)
     assert not coco(tmp_path, "val").getImgIds()
+    assert not report.has_next
 
 
 def test_a_dataset_of_another_maker_is_reported_in_one_sentence(tmp_path):

@@ -15,14 +15,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from pipelines import annotate_symmetry, pack, refine_grasps
-from pipelines.configs import AnnotateSymmetryConfig, PackConfig, RefineGraspsConfig
+from pipelines import annotate_symmetry, pack, refine_grasps, train
+from pipelines.configs import AnnotateSymmetryConfig, PackConfig, RefineGraspsConfig, TrainConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.meshes import read_mesh, write_mesh
 from pipelines.dataset.symmetry import symmetry_labels
 from pipelines.dataset.training import packed_regions
 from pipelines.dataset.training.packed_regions import PackedReader
-from pipelines.errors import SymgraspError
+from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.region_masks import RegionedObject, visible_regions
@@ -156,8 +156,25 @@ def test_a_finished_scene_is_skipped(root, tmp_path):
     assert pack.run(root.root, tmp_path, CONFIG, options=QUIET).skipped == [NAME]
 
 
+def test_train_is_next_only_if_it_can_hold_out_a_scene(root, tmp_path):
+    shutil.copytree(root.root, tmp_path / "copy")
+    scenes, config = tmp_path / "copy" / "scenes", TrainConfig()
+    for count in (1, 2):
+        report = pack.run(tmp_path / "copy", tmp_path / "out", CONFIG, options=QUIET)
+        try:
+            train.region_sets(tmp_path / "out", None, config, 0)
+        except ValueRangeError:
+            assert not report.has_next
+            assert report.notes["regions"].startswith("of 1 scene; train needs those of 2")
+        else:
+            assert report.has_next
+            assert "regions" not in report.notes
+            assert count == 2
+        shutil.copytree(scenes / "scene_0000", scenes / f"scene_{count:04d}")
+
+
 def test_packed_scenes_of_other_runs_in_the_folder_are_named(root, tmp_path):
-    assert list(pack.run(root.root, tmp_path, CONFIG, options=QUIET).notes) == [NAME]
+    assert list(pack.run(root.root, tmp_path, CONFIG, options=QUIET).notes) == [NAME, "regions"]
     former = tmp_path / "scene_0009_kinect.h5"
     shutil.copy(tmp_path / f"{NAME}.h5", former)
     note = pack.run(root.root, tmp_path, CONFIG, options=QUIET).notes[str(tmp_path)]

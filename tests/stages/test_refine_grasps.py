@@ -178,6 +178,16 @@ def test_a_label_that_is_missing_fails_alone_and_names_its_command(root, tmp_pat
     assert report.exit_code == 1
 
 
+def test_pack_is_next_only_where_there_are_scenes_to_train_on(root, tmp_path):
+    copy = tmp_path / "copy"
+    shutil.copytree(root.root, copy)
+    assert refine_grasps.run(copy, CONFIG, options=QUIET).has_next
+    (copy / "scenes" / "scene_0000").rename(copy / "scenes" / "scene_0100")
+    assert not refine_grasps.run(copy, CONFIG, options=QUIET).has_next
+    shutil.rmtree(copy / "scenes")
+    assert not refine_grasps.run(copy, CONFIG, options=QUIET).has_next
+
+
 def test_a_changed_grasp_label_makes_the_affordance_stale(root, tmp_path):
     other = GraspNetRoot(shutil.copytree(root.root, tmp_path / "copy"))
     label = read_grasp_label(other.grasp_label_path(0))

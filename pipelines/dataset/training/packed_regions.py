@@ -7,7 +7,8 @@ Camera frame (OpenCV axes), metres. Slots as in `geometry/symmetry.py`: 0-2 refl
 import bisect
 import itertools
 import os
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -116,6 +117,17 @@ def packed_files(folder: Path) -> list[Path]:
     return sorted(path for path in folder.rglob("*.h5") if not path.name.startswith("."))
 
 
+def scenes_with_regions(paths: Iterable[Path], counts: Iterable[int]) -> list[str]:
+    """Return the names of scenes with regions, ascending; `counts`: regions of each of `paths`."""
+    return sorted({scene_of(path) for path, count in zip(paths, counts, strict=True) if count})
+
+
+def scene_of(path: Path) -> str:
+    """Return the name of the scene of a packed file: `scene_NNNN`, or the file's name."""
+    found = re.match(r"scene_\d+", path.stem)
+    return found.group() if found else path.stem
+
+
 @dataclass(frozen=True)
 class _OpenScene:
     """An open file: datasets to read row by row, and columns in memory."""
@@ -164,7 +176,7 @@ class PackedReader:
         self.paths = tuple(packed_files(folder))
         if not self.paths:
             raise MissingInputError(folder / "*.h5", "symgrasp pack")
-        self.counts = tuple(_count(path) for path in self.paths)
+        self.counts = tuple(map(count_regions, self.paths))
         self._ends = list(itertools.accumulate(self.counts))
         self._scenes: dict[int, _OpenScene] = {}  # in order of last use
         self._process = os.getpid()
@@ -242,7 +254,8 @@ def _are_units(vectors: NDArray[Any]) -> Mask:
     return np.asarray(np.abs(length - 1.0) < UNIT_ERROR)
 
 
-def _count(path: Path) -> int:
+def count_regions(path: Path) -> int:
+    """Return the number of regions in a packed file."""
     with open_h5(path, checked=False) as file:  # unchecked: all files are opened before training
         check_version(path, file.attrs.get("format_version"), FORMAT_VERSION)
         points = file.get("points")

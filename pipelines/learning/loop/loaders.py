@@ -1,7 +1,6 @@
 """Batches of packed regions, drawn by seed and step, and loading ahead."""
 
 import queue
-import re
 import threading
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from typing import TypeVar
@@ -12,7 +11,12 @@ from torch.utils.data import DataLoader, Dataset
 
 from pipelines.array_types import Indices, Singles
 from pipelines.configs import NetworkConfig
-from pipelines.dataset.training.packed_regions import PackedReader, PackedRegion
+from pipelines.dataset.training.packed_regions import (
+    PackedReader,
+    PackedRegion,
+    scene_of,
+    scenes_with_regions,
+)
 from pipelines.errors import ValueRangeError
 from pipelines.network.training.region_batch import RegionBatch
 from pipelines.tabletop.levelling import level_axes, table_of_row
@@ -47,21 +51,14 @@ def split_by_scene(
     Raises:
         ValueRangeError: fewer than two scenes hold regions.
     """
-    scene_of_file = [_scene_name(path.stem) for path in reader.paths]
-    pairs = zip(scene_of_file, reader.counts, strict=True)
-    scenes = sorted({scene for scene, count in pairs if count})
+    scenes = scenes_with_regions(reader.paths, reader.counts)
     if len(scenes) < 2:
         expected = "at least 2, or give --val a folder of packed regions"
         raise ValueRangeError("number of packed scenes with regions", len(scenes), expected)
     count = min(max(1, round(fraction * len(scenes))), len(scenes) - 1)
     held_out = set(rng.permutation(scenes)[:count].tolist())
-    is_held_out = np.repeat([scene in held_out for scene in scene_of_file], reader.counts)
+    is_held_out = np.repeat([scene_of(path) in held_out for path in reader.paths], reader.counts)
     return np.flatnonzero(~is_held_out), np.flatnonzero(is_held_out)
-
-
-def _scene_name(stem: str) -> str:
-    found = re.match(r"scene_\d+", stem)
-    return found.group() if found else stem
 
 
 def load_regions(

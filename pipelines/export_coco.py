@@ -38,6 +38,7 @@ from pipelines.storage.files import (
 from pipelines.storage.provenance import is_finished, make_stamp
 
 STAGE = "export-coco"
+IMAGES = ("rgb", "depth")
 
 
 @one_run_at_a_time(STAGE, "output_dir")
@@ -78,15 +79,15 @@ def run(
 def export_scene(item: WorkItem, root: GraspNetRoot, config: ExportCocoConfig) -> str:
     """Export one scene; `item.arguments`: its files and the output folder."""
     scene, output_dir = item.arguments
-    folder = output_dir / "images" / scene.folder.name / scene.camera
+    folder = _images_of(scene, output_dir)
     for name in ("camK.npy", "rgb/0000.png", "depth/0000.png"):
         within(output_dir, folder / name)
     images, annotations = [], []
     _place(scene.camera_folder / "camK.npy", folder / "camK.npy", link=config.link)
     for files in strided_frames(scene, config.frame_stride):
         shown = read_region_frame(root, files, config.min_pixels)
-        copy = FrameFiles(folder, files.scene_id, files.camera, files.frame_id)
-        for kind in ("rgb", "depth"):
+        copy = _copy_of(files, folder)
+        for kind in IMAGES:
             _place(files.path(kind), copy.path(kind), link=config.link)
         height, width = shown.frame.color.shape[:2]
         image = coco_instances.image_entry(copy, width, height)
@@ -181,4 +182,16 @@ def _item(
     settings = {key: value for key, value in asdict(config).items() if key != "val_fraction"}
     stamp = make_stamp(STAGE, settings, inputs=inputs)
     target = output_dir / "scenes" / f"{scene.name}.json"
-    return WorkItem(scene.name, target, stamp, (scene, output_dir))
+    folder = _images_of(scene, output_dir)
+    copies = [_copy_of(files, folder) for files in strided_frames(scene, config.frame_stride)]
+    images = [copy.path(kind) for copy in copies for kind in IMAGES]
+    files = (folder / "camK.npy", *images)
+    return WorkItem(scene.name, target, stamp, (scene, output_dir), files)
+
+
+def _images_of(scene: SceneFiles, output_dir: Path) -> Path:
+    return output_dir / "images" / scene.folder.name / scene.camera
+
+
+def _copy_of(files: FrameFiles, folder: Path) -> FrameFiles:
+    return FrameFiles(folder, files.scene_id, files.camera, files.frame_id)

@@ -149,8 +149,8 @@ def _model_item(root: GraspNetRoot, source: NumberedMesh, mesh_scale: float | No
     # A missing mesh fails its own item, when it is read.
     inputs = {"mesh": digest_if_there(source.path)}
     stamp = make_stamp(f"{STAGE} model", {"mesh_scale": mesh_scale or 1.0}, inputs=inputs)
-    target = root.model_path(source.object_id).parent
-    return WorkItem(source.title, target, stamp, (source.path, mesh_scale))
+    model = root.model_path(source.object_id)
+    return WorkItem(source.title, model.parent, stamp, (source.path, mesh_scale), (model,))
 
 
 def _write_model(item: WorkItem) -> str:

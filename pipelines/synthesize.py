@@ -172,8 +172,9 @@ class _PlannedRoot:
                 settings["mesh_scale"] = source.scale
             inputs = {"mesh": digest_if_there(source.path)} if source else {}
             stamp = make_stamp("synthesize object", settings, seed=self.seed, inputs=inputs)
-            target = self.files.model_path(object_id).parent
-            items.append(WorkItem(f"object {object_id:03d}", target, stamp, (pool, index, source)))
+            model, arguments = self.files.model_path(object_id), (pool, index, source)
+            name = f"object {object_id:03d}"
+            items.append(WorkItem(name, model.parent, stamp, arguments, (model,)))
         return items
 
     def write_object_list(self) -> None:

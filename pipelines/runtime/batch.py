@@ -68,12 +68,16 @@ class BatchOptions:
 
 @dataclasses.dataclass(frozen=True)
 class WorkItem:
-    """One output to make: name in reports, path, stamp, and arguments of the step."""
+    """One output to make: name in reports, path, stamp, and arguments of the step.
+
+    `files`: further files that the step writes; if one is lost, the item is not finished.
+    """
 
     name: str
     target: Path
     stamp: Stamp
     arguments: tuple[Any, ...] = ()
+    files: tuple[Path, ...] = ()
 
 
 @dataclasses.dataclass
@@ -204,7 +208,7 @@ def _unfinished(
         except Exception as error:  # content that no reader foresaw fails its item alone
             report.failed[item.name] = failure_sentence(error)
             continue
-        if finished:
+        if finished and all(file.exists() for file in item.files):
             report.skipped.append(item.name)
         else:
             todo.append(item)

@@ -63,6 +63,21 @@ def test_a_second_run_skips_what_is_finished(tmp_path):
     assert (report.done, report.skipped, report.exit_code) == (["b"], ["a"], 0)
 
 
+def test_an_item_that_has_lost_one_of_its_files_is_done_again(tmp_path):
+    (item,) = items(tmp_path, ["a"])
+    item = dataclasses.replace(item, files=(tmp_path / "picture",))
+
+    def draw(each):
+        each.files[0].touch()
+        return step(each)
+
+    assert run_batch("toy", [item], draw, QUIET).done == ["a"]
+    assert run_batch("toy", [item], draw, QUIET).skipped == ["a"]
+    item.files[0].unlink()
+    assert run_batch("toy", [item], draw, QUIET).done == ["a"]
+    assert item.files[0].exists()
+
+
 def test_an_output_of_other_settings_is_refused_and_not_reused(tmp_path):
     run_batch("toy", items(tmp_path, ["a"]), step, QUIET)
     report = run_batch("toy", items(tmp_path, ["a"], setting=2), step, QUIET)

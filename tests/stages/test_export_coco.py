@@ -183,6 +183,20 @@ def test_links_lead_to_the_datasets_images(root, tmp_path):
     assert content["provenance"]["stage"] == "export-coco"
 
 
+@pytest.mark.parametrize("link", [False, True])
+def test_lost_images_of_a_finished_scene_are_restored(root, tmp_path, link):
+    config = replace(CONFIG, link=link)
+    export_coco.run(root.root, tmp_path, config, split=None, options=QUIET)
+    before = contents(tmp_path)
+    lost = next((tmp_path / "images").rglob("depth/0001.png"))
+    lost.unlink()
+    if link:
+        lost.symlink_to(tmp_path / "moved")
+    report = export_coco.run(root.root, tmp_path, config, split=None, options=QUIET)
+    assert (len(report.done), len(report.skipped)) == (1, len(SCENES) - 1)
+    assert contents(tmp_path) == before
+
+
 def test_other_settings_are_refused_and_unknown_ones_named(root, exported, tmp_path):
     other = ExportCocoConfig(min_pixels=60)
     report = export_coco.run(root.root, exported, other, split=None, options=QUIET)

@@ -108,6 +108,14 @@ def test_a_second_run_skips_and_other_settings_are_refused(meshes: Path, tmp_pat
     assert content(tmp_path / "out") == before
 
 
+def test_a_lost_model_is_made_again(meshes: Path, tmp_path: Path) -> None:
+    label(meshes, tmp_path / "out")
+    before = content(tmp_path / "out")
+    GraspNetRoot(tmp_path / "out").model_path(1).unlink()
+    assert label(meshes, tmp_path / "out").failed == {}
+    assert content(tmp_path / "out") == before
+
+
 def test_workers_and_a_kill_in_the_middle_change_no_byte(
     meshes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

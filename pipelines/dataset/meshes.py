@@ -85,8 +85,8 @@ def read_own_mesh(path: Path, scale: float | None) -> Mesh:
     mesh = _read(path, 1.0 if scale is None else scale)
     if scale is None and (warning := size_warning(mesh, path)):
         raise SymgraspError(
-            f"{warning}: --mesh-scale 0.001 makes that {mesh.diagonal / 1000:.4g} m, "
-            "--mesh-scale 1 states that it is in metres"
+            f"{warning}: --mesh-scale 0.001 (millimetres) makes that {mesh.diagonal / 1000:.4g} m, "
+            f"0.01 (centimetres) {mesh.diagonal / 100:.4g} m, and 1 states that it is in metres"
         )
     return mesh
 
@@ -163,8 +163,8 @@ def size_warning(mesh: Mesh, path: Path) -> str | None:
     if size <= LARGEST_LIKELY_DIAGONAL:
         return None
     return (
-        f"{path}: the mesh is {size:.4g} m from corner to corner, which looks like millimetres; "
-        "metres are expected"
+        f"{path}: the mesh is {size:.4g} m from corner to corner, which looks like millimetres "
+        "or centimetres; metres are expected"
     )
 
 

@@ -114,7 +114,7 @@ def test_an_own_mesh_in_millimetres_is_refused_unless_its_unit_is_stated(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     write_mesh(tmp_path / "large.ply", box(100.0))
-    right = r"large\.ply: .* 374\.2 m .*--mesh-scale 0\.001 .* 0\.3742 m, --mesh-scale 1 "
+    right = r"large\.ply: .* 374\.2 m .*--mesh-scale 0\.001 .* 0\.3742 m, 0\.01 .* 3\.742 m, and 1 "
     with pytest.raises(SymgraspError, match=right):
         read_own_mesh(tmp_path / "large.ply", None)
     with caplog.at_level(logging.WARNING):

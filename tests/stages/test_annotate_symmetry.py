@@ -168,6 +168,13 @@ def test_regions_hold_the_repetitions_of_their_triangles(tmp_path):
     assert len(triangles) == len(np.unique(triangles)) == 2 * len(pair.faces)
 
 
+def test_the_refusal_of_centimetres_names_their_scale(tmp_path):
+    can = shapes()[1]
+    write_mesh(tmp_path / "can.ply", Mesh(100.0 * can.vertices, can.faces))
+    sentence = run(tmp_path / "can.ply", tmp_path / "out").failed["can"]
+    assert f"0.01 (centimetres) {can.diagonal:.4g} m" in sentence
+
+
 def test_millimetres_are_refused_unless_stated_and_give_symmetries_in_metres(tmp_path):
     can = shapes()[1]
     write_mesh(tmp_path / "can.ply", Mesh(1000.0 * can.vertices + 500.0, can.faces))

@@ -227,7 +227,7 @@ def existing(path: Path, made_by: str = "") -> Path:
         if made_by:
             raise MissingInputError(path, made_by)
         found = "is no plain file" if path.exists() else "does not exist"
-        raise SymgraspError(f"{path} {found}; give the path of an existing file")
+        raise SymgraspError(f"{path} {found}; give another path, or restore the file")
     return path
 
 

@@ -29,6 +29,7 @@ from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_bat
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import (
     atomic_path,
+    existing,
     make_folder,
     real_path,
     refuse_file_as_folder,
@@ -165,7 +166,8 @@ def _scene_name(item: WorkItem) -> str:
 
 
 def _place(source: Path, target: Path, *, link: bool) -> None:
-    """Copy or link `source` to `target`, atomically."""
+    """Copy or link the file `source` to `target`, atomically."""
+    existing(source)
     if link:
         make_folder(target.parent)
         remove_file(target)

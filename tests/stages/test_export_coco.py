@@ -184,6 +184,16 @@ def test_links_lead_to_the_datasets_images(root, tmp_path):
 
 
 @pytest.mark.parametrize("link", [False, True])
+def test_a_camera_that_is_not_copied_is_named_as_missing(tmp_path, link):
+    root, config = write_root(tmp_path / "root"), replace(CONFIG, link=link)
+    camera = root.scenes()[0].camera_folder / "camK.npy"
+    camera.unlink()
+    report = export_coco.run(root.root, tmp_path / "out", config, split=None, options=QUIET)
+    (sentence,) = report.failed.values()
+    assert sentence.startswith(f"{camera} does not exist; ")
+
+
+@pytest.mark.parametrize("link", [False, True])
 def test_lost_images_of_a_finished_scene_are_restored(root, tmp_path, link):
     config = replace(CONFIG, link=link)
     export_coco.run(root.root, tmp_path, config, split=None, options=QUIET)

@@ -116,14 +116,20 @@ class UnknownNameError(SymgraspError):
 
 
 class StaleOutputError(SymgraspError):
-    """An output exists that was made with other settings or from other inputs."""
+    """An output exists that was made with other settings or from other inputs.
 
-    def __init__(self, path: Path | str) -> None:
+    `missing`: names of inputs that do not exist any more, without which it cannot be made again.
+    """
+
+    def __init__(self, path: Path | str, missing: Iterable[str] = ()) -> None:
+        names = ", ".join(missing)
         super().__init__(
-            f"{path} was made with other settings or inputs; "
+            f"{path} was made from inputs that do not exist any more ({names}); restore them"
+            if names
+            else f"{path} was made with other settings or inputs; "
             "pass --overwrite to make it again, or choose another output"
         )
-        self.arguments = (path,)
+        self.arguments = (path, [*missing])
 
 
 class ValueRangeError(SymgraspError):

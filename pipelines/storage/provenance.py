@@ -234,9 +234,18 @@ def is_finished(target: Path, stamp: Stamp, *, overwrite: bool = False) -> bool:
         return False
     found, wanted = read_stamp(target) or {}, stamp.as_json()
     if any(found.get(key) != wanted[key] for key in COMPARED):
-        raise StaleOutputError(target)
+        raise StaleOutputError(target, _lost_inputs(found, stamp))
     warn_of_other_version(found, stamp)
     return True
+
+
+def _lost_inputs(found: Mapping[str, Any], stamp: Stamp) -> list[str]:
+    """Return the names of the inputs of the earlier stamp `found` that do not exist any more."""
+    earlier = found.get("inputs")
+    if not isinstance(earlier, Mapping):
+        return []
+    lost = [name for name, digested in stamp.inputs.items() if digested == MISSING]
+    return [name for name in lost if earlier.get(name, MISSING) != MISSING]
 
 
 def warn_of_other_version(found: Mapping[str, Any], stamp: Stamp) -> None:

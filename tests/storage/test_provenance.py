@@ -14,6 +14,7 @@ from pipelines.errors import StaleOutputError, SymgraspError, WriteError
 from pipelines.pictures.grasp_page.page import index_page
 from pipelines.storage.files import write_json
 from pipelines.storage.provenance import (
+    MISSING,
     digest,
     digest_folder,
     is_finished,
@@ -158,3 +159,15 @@ def test_a_stamp_in_a_folder_that_may_not_be_written_is_no_fault_of_an_item(
     monkeypatch.setattr(Path, refused, refuse)
     with pytest.raises(WriteError, match=f"^{tmp_path}/new.* cannot be written"):
         stamp_ahead(tmp_path / "new" / "model.npz", STAMP)
+
+
+def test_an_output_whose_inputs_are_lost_is_not_to_be_overwritten(tmp_path):
+    path = tmp_path / "a.json"
+    made = make_stamp("refine-grasps", {}, inputs={"mesh": "sha256:0", "extra": MISSING})
+    write_json(path, {"provenance": made.as_json()})
+    lost = make_stamp("refine-grasps", {}, inputs={"mesh": MISSING, "extra": MISSING})
+    with pytest.raises(StaleOutputError, match=r"any more \(mesh\); restore them"):
+        is_finished(path, lost)
+    other = make_stamp("refine-grasps", {}, inputs={"mesh": "sha256:1", "extra": MISSING})
+    with pytest.raises(StaleOutputError, match="pass --overwrite"):
+        is_finished(path, other)

@@ -20,7 +20,7 @@ from pipelines.configs import TrainBaselineConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.held_back import refuse_held_back
 from pipelines.dataset.scene_digests import inputs_of_scenes
-from pipelines.dataset.training.region_frames import split_frames
+from pipelines.dataset.training.region_frames import split_frames, strided_frames
 from pipelines.errors import counted
 from pipelines.learning.loop.faults import read_fault
 from pipelines.learning.loop.loop import TrainingRun
@@ -115,7 +115,9 @@ def peer_items(
     refuse_held_back(dataset)
     scenes = dataset.chosen_scenes(camera, split)
     needs = trained_peer(name).peer.needs
-    refuse_lacking(dataset, [frame for scene in scenes for frame in scene.frames()], needs)
+    refuse_lacking(
+        dataset, [frame for scene in scenes for frame in strided_frames(scene, 1)], needs
+    )
     folder = output.with_name(f"{output.stem}.frames")
     network = asdict(config.network)
     settings = {"method": name, "network": network, "frame_stride": config.frame_stride}
@@ -135,7 +137,7 @@ def _prepare_scene(
 ) -> str:
     """Write the frames of one scene as inputs and targets of `peer`; return the count."""
     (scene,) = item.arguments
-    frames = scene.frames()[:: config.frame_stride]
+    frames = strided_frames(scene, config.frame_stride)
     prepare = trained_peer(peer).peer.prepare
     write_peer_frames(
         item.target, [prepare(root, frame, config.network) for frame in frames], item.stamp

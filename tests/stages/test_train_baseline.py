@@ -84,6 +84,15 @@ def test_a_root_without_rectangles_is_refused_with_the_option_that_makes_them(ba
         train(bare_root, tmp_path / "w.safetensors")
 
 
+def test_a_frame_without_depth_is_named_and_not_left_out(tmp_path):
+    root = write_root(tmp_path / "root")
+    write_rects(root)
+    lost = root.frame(frame_names()[0]).path("depth")
+    lost.unlink()
+    (sentence,) = train(root, tmp_path / "w.safetensors").failed.values()
+    assert str(lost) in sentence
+
+
 def test_an_unknown_method_is_refused(root, tmp_path):
     with pytest.raises(UnknownNameError, match="gg-cnn"):
         train(root, tmp_path / "w.safetensors", name="gg-nn")

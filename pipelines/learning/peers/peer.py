@@ -18,7 +18,7 @@ from pipelines.configs.peers import PeerNetworkConfig, PeerSchedule
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_layout import FrameFiles, SceneFiles
 from pipelines.dataset.scene_digests import digest_of_images
-from pipelines.dataset.training.region_frames import FileRows, FrameSets
+from pipelines.dataset.training.region_frames import FileRows, FrameSets, strided_frames
 from pipelines.errors import MissingInputError, ValueRangeError
 from pipelines.learning.detector.detector_training import spread
 from pipelines.learning.loop.faults import Fault, numbered, unnumbered
@@ -58,7 +58,7 @@ def refuse_lacking(root: GraspNetRoot, frames: Sequence[FrameFiles], needs: Sequ
 def labels_of(root: GraspNetRoot, scene: SceneFiles, needs: Sequence[str]) -> dict[str, str]:
     """Return digests of the names and sizes of the labels of a scene that a method `needs`."""
     files: dict[str, list[Path]] = {
-        "rect": [frame.path("rect") for frame in scene.frames()],
+        "rect": [frame.path("rect") for frame in strided_frames(scene, 1)],
         "collision_label": [root.collision_label_path(scene.scene_id)],
         "grasp_label": [root.grasp_label_path(i) for i in scene.object_ids],
         "symmetry": [root.symmetry_path(i) for i in scene.object_ids],

@@ -1,9 +1,11 @@
 """Grasp detection in frames held in memory, with models that are loaded once."""
 
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +24,9 @@ from pipelines.inference.runs.run_settings import InferPaths, RunSettings, check
 from symgrasp.frame_input import IntrinsicsLike, frame_of, instance_masks, workspace_of
 from symgrasp.grasps import Grasps, ordered_grasps
 
+if TYPE_CHECKING:
+    import torch
+
 
 class GraspDetector:
     """Finds grasps in RGB-D frames, with models that are loaded once.
@@ -36,7 +41,7 @@ class GraspDetector:
         gripper: str | Path | Gripper | None = None,
         *,
         preset: str | None = None,
-        device: str = "auto",
+        device: "str | torch.device" = "auto",
         settings: Mapping[str, object] | Path | str | InferConfig | None = None,
         detector: Path | str | None = None,
         network: Path | str | None = None,
@@ -78,10 +83,10 @@ class GraspDetector:
             "grasp_critic": grasp_critic,
         }
         paths = InferPaths(Path(), Path()).with_weights(
-            **{name: None if path is None else Path(path) for name, path in weights.items()}
+            **{name: _weights_file(name, path) for name, path in weights.items()}
         )
         seed = _whole_number(seed)
-        self._run_settings = RunSettings(paths, self.settings, seed, device, timings=False)
+        self._run_settings = RunSettings(paths, self.settings, seed, str(device), timings=False)
         self._run_settings.warn_of_unused_weights()
         with _argument_names():
             check_config(self.settings)
@@ -168,8 +173,14 @@ def _gripper(gripper: object, default: str) -> tuple[Gripper, str]:
     if not isinstance(gripper, str | Path | None):
         expected = "a preset, a TOML file, or a Gripper"
         raise ValueRangeError("gripper", f"a {type(gripper).__name__}", expected)
-    name = str(gripper or default)
+    name = default if gripper is None else str(gripper)
     return load_gripper(name), name
+
+
+def _weights_file(name: str, path: object) -> Path | None:
+    if not isinstance(path, str | os.PathLike | None):
+        raise ValueRangeError(name, repr(path), "a file of weights")
+    return None if path is None else Path(path)
 
 
 def _whole_number(seed: object) -> int:
@@ -201,7 +212,7 @@ def _infer_config(
         return settings
     config = default_settings("infer")
     if preset is not None:
-        config = changed(config, preset_settings(preset, "infer"))
+        config = changed(config, preset_settings(str(preset), "infer"))
     if settings is None or isinstance(settings, Mapping):
         return changed(as_config(InferConfig, config), settings or {})
     try:

@@ -8,6 +8,7 @@ from threading import Barrier
 
 import numpy as np
 import pytest
+import torch
 from typer.main import get_command
 from typer.testing import CliRunner
 
@@ -154,6 +155,11 @@ def test_settings_are_changed_by_name_by_a_file_or_all_at_once(tmp_path):
     assert GraspDetector(settings=LIGHT)(COLOR, DEPTH, CAMERA).width.min() < 0.06
 
 
+def test_a_device_is_given_by_name_or_as_torch_names_it():
+    detector = GraspDetector("rg2", device=torch.device("cpu"))
+    assert detector(*bundled_frame())
+
+
 def test_the_gripper_argument_goes_before_the_gripper_setting():
     settings = {"regions": "geometric", "method": "planar", "gripper": "franka"}
     assert GraspDetector(settings=settings).gripper.name == "franka"
@@ -189,6 +195,11 @@ def test_nothing_is_written_and_no_picture_kept(light, tmp_path, monkeypatch):
         ({"settings": "none.toml"}, MissingInputError, "none.toml does not exist"),
         ({"settings": 3}, SymgraspError, "settings is 3; it must be a mapping"),
         ({"device": "gpu"}, UnknownNameError, "device 'gpu' is not known"),
+        ({"gripper": ""}, UnknownNameError, "gripper '' is not known"),
+        ({"preset": 3}, UnknownNameError, "preset '3' is not known"),
+        ({"device": 0}, UnknownNameError, "device '0' is not known"),
+        ({"device": None}, UnknownNameError, "device 'None' is not known"),
+        ({"network": 3}, ValueRangeError, "^network is 3; it must be a file of weights"),
         ({"device": "cuda:99"}, SymgraspError, "^device is cuda:99; it must be cpu"),
         ({"gripper": {"name": "mine"}}, SymgraspError, "^gripper is a dict; it must be a preset"),
         (

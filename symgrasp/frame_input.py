@@ -16,7 +16,7 @@ from pipelines.frames.depth.stated_units import check_units
 from pipelines.frames.rgbd import DepthUnits, Frame, make_frame
 from pipelines.geometry.camera import Intrinsics
 
-IntrinsicsLike = Intrinsics | Mapping[str, Any] | Sequence[float] | NDArray[Any]
+IntrinsicsLike = Intrinsics | Mapping[str, Any] | ArrayLike
 MILLIMETRES_PER_METRE = 1000.0  # units per metre of whole-number depth, as in files
 LARGEST_ID = np.iinfo(np.int32).max
 

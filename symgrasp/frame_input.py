@@ -66,6 +66,8 @@ def instance_masks(masks: ArrayLike | None, shape: tuple[int, ...]) -> InstanceM
     if masks is None:
         return None
     found = _array("masks", masks)
+    if found.shape == (0,):  # a list without a mask
+        found = np.zeros((0, *shape), bool)
     fits = found.shape[-2:] == shape and found.ndim in (2, 3)
     if fits and found.dtype == bool:
         return _stacked(found.reshape(-1, *shape))
@@ -144,7 +146,7 @@ def _as_json(value: Any) -> Any:  # noqa: ANN401 - of any type
         case None | bool() | int() | float() | str():
             return value.item() if isinstance(value, np.generic) else value
         case Mapping():
-            return {key: _as_json(each) for key, each in value.items()}
+            return {str(key): _as_json(each) for key, each in value.items()}
         case _ if hasattr(value, "tolist"):
             return value.tolist()
         case Sequence():

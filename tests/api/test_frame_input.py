@@ -35,6 +35,7 @@ MATRIX = np.array([[60.0, 0, 32], [0, 61, 24], [0, 0, 1]])
         Intrinsics(*LENS, 64, 48),
         {"fx": 60.0, "fy": 61.0, "cx": 32.0, "cy": 24.0},
         {"K": MATRIX.ravel().tolist(), "width": 64, "height": 48},
+        {"fx": 60.0, "fy": 61.0, "cx": 32.0, "cy": 24.0, None: "no name"},
         MATRIX.ravel(),
         MATRIX.ravel().tolist(),
     ],
@@ -192,7 +193,8 @@ def test_masks_are_ids_or_one_mask_or_a_stack_whose_first_mask_takes_shared_pixe
     np.testing.assert_array_equal(stacked.labels, np.select([ids == 9, ids > 0], [1, 2]))
     assert stacked.first == 0
     assert instance_masks(None, SHAPE) is None
-    assert not instance_masks(np.zeros((0, *SHAPE), bool), SHAPE).labels.any()
+    for none in ([], np.zeros((0, *SHAPE), bool)):
+        assert not instance_masks(none, SHAPE).labels.any()
 
 
 @pytest.mark.parametrize(

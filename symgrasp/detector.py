@@ -1,6 +1,7 @@
 """Grasp detection in frames held in memory, with models that are loaded once."""
 
 import os
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
@@ -15,7 +16,7 @@ from pipelines.configs.presets import preset_settings
 from pipelines.configs.settings import changed
 from pipelines.configs.stages import as_config, default_settings
 from pipelines.configs.toml_files import read_toml
-from pipelines.errors import ValueRangeError
+from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.gripper import Gripper
@@ -26,6 +27,8 @@ from symgrasp.grasps import Grasps, ordered_grasps
 
 if TYPE_CHECKING:
     import torch
+
+OPTION = re.compile(r"(?<!\S)--([a-z-]+)")
 
 
 class GraspDetector:
@@ -142,15 +145,15 @@ class GraspDetector:
         depth_units_per_metre: float | None = None,
     ) -> FrameResult:
         """Return regions and grasps as in `grasps.h5`; arguments and errors as of `__call__`."""
-        frame = frame_of(color, depth, intrinsics, depth_units_per_metre)
-        instances = instance_masks(masks, frame.depth.shape)
-        mask, box = workspace_of(workspace, frame.depth.shape)
-        planner = self._planner
-        if box:
-            limits = replace(self.settings.limits, box=box)
-            with _argument_names():
+        with _argument_names():
+            frame = frame_of(color, depth, intrinsics, depth_units_per_metre)
+            instances = instance_masks(masks, frame.depth.shape)
+            mask, box = workspace_of(workspace, frame.depth.shape)
+            planner = self._planner
+            if box:
+                limits = replace(self.settings.limits, box=box)
                 check_limits(limits)
-            planner = replace(planner, config=replace(self.settings, limits=limits))
+                planner = replace(planner, config=replace(self.settings, limits=limits))
         rng = np.random.default_rng(self._run_settings.seed)
         with self._run_settings.one_core():
             labels = None if instances is None else frame.undistorted(instances.labels)
@@ -194,12 +197,15 @@ def _argument_names() -> Iterator[None]:
     """Name options of the command in errors as Python arguments: `device`, not `--device`."""
     try:
         yield
-    except ValueRangeError as error:
-        name, found, expected = error.arguments or ("", None, "")
-        if not str(name).startswith("--"):
+    except SymgraspError as error:
+        if error.arguments is None:
             raise
-        name = str(name).removeprefix("--").replace("-", "_")
-        raise ValueRangeError(name, found, str(expected)) from error
+        named = [_named(each) if isinstance(each, str) else each for each in error.arguments]
+        raise type(error)(*named) from error
+
+
+def _named(text: str) -> str:
+    return OPTION.sub(lambda found: found[1].replace("-", "_"), text)
 
 
 def _infer_config(

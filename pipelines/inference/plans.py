@@ -149,4 +149,4 @@ def why_all_weak(plans: list[Plan]) -> str:
     if not len(scores):
         return ""
     grasps = counted(len(scores), "grasp")
-    return f"none of {grasps} scores --min-score or more; the best has {max(scores):.3f}"
+    return f"none of {grasps} scores min_score or more; the best has {max(scores):.3f}"

@@ -233,3 +233,6 @@ def test_arrays_that_make_no_frame_are_refused_in_one_sentence(light):
         light(COLOR, DEPTH, CAMERA, workspace=(1, 2, 3))
     with pytest.raises(SymgraspError, match=r"^workspace is .* divide millimetres by 1000"):
         light(COLOR, DEPTH, CAMERA, workspace=(-200, -200, 400, 200, 200, 1200))
+    of_halved = {"width": 2 * CAMERA.width, "height": 2 * CAMERA.height}
+    with pytest.raises(SymgraspError, match=r"describes .*, intrinsics [0-9.,]+ if it is"):
+        light(COLOR, DEPTH, {"fx": 600, "fy": 600, "cx": 320, "cy": 240, **of_halved})

@@ -167,7 +167,7 @@ def test_low_scores_are_marked_or_left_out_and_the_best_of_them_is_reported():
     assert kept.tolist() == [score for score in marked.rank_score if score >= some]
     none = plan(Oracle(), min_score=1.0)
     assert none.status == "empty"
-    assert "scores --min-score or more; the best has" in none.message
+    assert "scores min_score or more; the best has" in none.message
 
 
 def test_the_overlay_marks_planes_regions_and_gripper():

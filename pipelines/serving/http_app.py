@@ -14,7 +14,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
 from pipelines.configs import ServeConfig
-from pipelines.errors import SymgraspError
+from pipelines.errors import SymgraspError, counted
 from pipelines.serving.posted_frames import PostedFrame, posted_frame
 
 Answer = Callable[[PostedFrame], str]  # the JSON text of a frame's grasps
@@ -76,7 +76,8 @@ def make_app(answer: Answer, facts: dict[str, Any], config: ServeConfig) -> Fast
         if waiting >= config.max_waiting or expected > config.max_wait:
             counts["refused"] += 1
             later = math.ceil(max(1.0, times.mean, expected - config.max_wait))
-            sentence = f"{waiting} frames are waiting; post again in {later} s"
+            ahead = counted(waiting, "frame")
+            sentence = f"the server has {ahead} to answer first; post again in {later} s"
             most, head = DISCARDED * config.max_bytes, {"Retry-After": str(later)}
             return await _refused_unread(request, 503, sentence, most, head)
         counts["waiting"] += 1

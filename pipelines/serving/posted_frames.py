@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from pipelines.contents import parsed_json
-from pipelines.errors import ValueRangeError
+from pipelines.errors import ValueRangeError, counted
 
 KEYS = ("color", "depth", "intrinsics", "depth_units_per_metre", "workspace", "masks", "name")
 NAME_LIMIT = 1000  # characters
@@ -101,7 +101,7 @@ def _raw_array(key: str, content: Mapping[str, object], max_pixels: int) -> NDAr
     kind = np.dtype(str(dtype)).newbyteorder("<")
     raw, wanted = _bytes(f"{key}.data", data, "base64"), prod(sizes) * kind.itemsize
     if len(raw) != wanted:
-        raise ValueRangeError(f"{key}.data", f"{len(raw)} bytes", f"{wanted}, as its shape says")
+        raise ValueRangeError(f"{key}.data", counted(len(raw), "byte"), f"{wanted}, as its shape says")
     return np.frombuffer(raw, kind).reshape(sizes).astype(kind.newbyteorder("="))
 
 

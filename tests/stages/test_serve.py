@@ -154,6 +154,7 @@ def bomb(side=1200) -> str:
         (post(depth={**raw(DEPTH), "dtype": "object"}), "uint16 or float32"),
         (post(depth={**raw(DEPTH), "shape": [10**9, 10**9]}), "height, width"),
         (post(depth={**raw(DEPTH), "shape": [12, 15]}), "384 bytes"),
+        (post(depth={**raw(DEPTH), "data": "AA=="}), "is 1 byte; it must be 384"),
         (post(depth={**raw(DEPTH), "shape": [True, True]}), "height, width"),
         (post(name=3), "no short text"),
         (post(name="x" * 1001), "at most 1000 characters"),
@@ -396,7 +397,8 @@ def test_a_post_whose_answer_is_expected_too_late_is_refused_until_it_would_be_i
             time.sleep(0.01)
         refused = client.post("/grasps", json=post())  # of 7 s each, two pairs are ahead
         assert (refused.status_code, refused.headers["Retry-After"]) == (503, "7")
-        assert refused.json() == {"error": "4 frames are waiting; post again in 7 s"}
+        sentence = "the server has 4 frames to answer first; post again in 7 s"
+        assert refused.json() == {"error": sentence}
         detect.go.set()
         assert [each.result().status_code for each in answers] == [200] * 4
         times.mean = 7.0  # posts that do not wait are never refused, or the mean would stay

@@ -75,8 +75,10 @@ def _image(key: str, content: object, max_pixels: int) -> NDArray[Any]:
     try:
         with Image.open(BytesIO(_bytes(key, content, expected)), formats=formats) as image:
             _check_pixels(key, image.width * image.height, max_pixels)
-            if key == "depth" and not image.mode.startswith("I"):
-                raise ValueRangeError("depth", f"of mode {image.mode}", "a PNG of 16 bits")
+            is_depth, deep = key == "depth", image.mode.startswith("I")
+            if key != "masks" and is_depth != deep:
+                bits = "a PNG of 16 bits" if is_depth else "of 8 bits per channel"
+                raise ValueRangeError(key, f"of mode {image.mode}", bits)
             array = np.asarray(image.convert(MODES[key]) if key == "color" else image)
     except Image.DecompressionBombError:
         raise ValueRangeError(key, "of too many pixels", f"at most {max_pixels}") from None
@@ -101,7 +103,8 @@ def _raw_array(key: str, content: Mapping[str, object], max_pixels: int) -> NDAr
     kind = np.dtype(str(dtype)).newbyteorder("<")
     raw, wanted = _bytes(f"{key}.data", data, "base64"), prod(sizes) * kind.itemsize
     if len(raw) != wanted:
-        raise ValueRangeError(f"{key}.data", counted(len(raw), "byte"), f"{wanted}, as its shape says")
+        found = counted(len(raw), "byte")
+        raise ValueRangeError(f"{key}.data", found, f"{wanted}, as its shape says")
     return np.frombuffer(raw, kind).reshape(sizes).astype(kind.newbyteorder("="))
 
 

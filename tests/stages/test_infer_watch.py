@@ -384,6 +384,27 @@ def test_an_output_of_other_settings_is_refused_unless_overwritten(cell):
     assert cell.statuses() == {"b": "ok"}
 
 
+def test_overwriting_names_the_frames_that_nothing_can_make_again(cell, caplog):
+    overwriting = dataclasses.replace(OPTIONS, overwrite=True)
+    for again in (
+        cell.follow,
+        partial(infer.run, infer.InferPaths(cell.frames, cell.output), CONFIG),
+    ):
+        cell.write("a")
+        cell.write("b")
+        cell.follow()
+        cell.output.unlink()  # as after a kill
+        cell.remove("a")
+        caplog.clear()
+        again(options=overwriting)
+        (line,) = [
+            each.getMessage() for each in caplog.records if "--overwrite" in each.getMessage()
+        ]
+        assert "1 frame no longer in" in line
+        assert line.endswith("for example a")
+        assert cell.statuses() == {"b": "ok"}
+
+
 def test_results_of_removed_frames_are_not_overwritten(cell):
     cell.write("a")
     cell.infer(cell.output)

@@ -3,6 +3,7 @@
 A run continues from the parts of an earlier run with the same settings, or overwrites them.
 """
 
+import logging
 from collections.abc import Container, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -19,15 +20,20 @@ from pipelines.runtime.batch import WorkItem, warn_of_removed
 from pipelines.storage.files import remove_file
 from pipelines.storage.provenance import Stamp, read_stamp
 
+log = logging.getLogger(__name__)
+
 
 def finished_items(run: InferRun, items: Sequence[WorkItem], *, overwrite: bool) -> list[WorkItem]:
     """Return the items with valid parts; remove all other parts.
 
-    A warning counts the removed parts, damaged or of a run with other settings, unless `overwrite`.
+    A warning counts the removed parts, damaged or of a run with other settings; with `overwrite`
+    only those of frames that are gone.
     """
     finished = [item for item in items if has_part(item)]
     others = sorted(_parts(run) - {item.target for item in finished})
-    if not overwrite:
+    if overwrite:
+        warn_of_lost_parts(run, items)
+    else:
         warn_of_removed(others)
     for part in others:
         remove_file(part)
@@ -94,6 +100,17 @@ def refuse_lost_parts(run: InferRun, items: Sequence[WorkItem]) -> None:
             f"{grasps_file.parts_folder(run.output)} holds {counted(len(lost), 'finished frame')} "
             f"not among those of {run.settings.paths.frames} now, for example {lost[0]}; --watch "
             "writes them too, --overwrite drops them"
+        )
+
+
+def warn_of_lost_parts(run: InferRun, items: Sequence[WorkItem]) -> None:
+    """Warn that --overwrite removes parts of frames that `items` lack: nothing makes them again."""
+    if lost := sorted(_parts(run) - {item.target for item in items}):
+        log.warning(
+            "--overwrite removes the grasps of %s no longer in %s, for example %s",
+            counted(len(lost), "frame"),
+            run.settings.paths.frames,
+            lost[0].stem,
         )
 
 

@@ -11,7 +11,12 @@ from pipelines.configs import WatchConfig
 from pipelines.errors import SymgraspError
 from pipelines.frames.rgbd import FrameSource
 from pipelines.grasp_files import grasps_file
-from pipelines.inference.runs.earlier_runs import earlier_frames, has_part, refuse_stale
+from pipelines.inference.runs.earlier_runs import (
+    earlier_frames,
+    has_part,
+    refuse_stale,
+    warn_of_lost_parts,
+)
 from pipelines.inference.runs.infer_run import STAGE, InferRun, infer_frame
 from pipelines.inference.runs.pictures import draw_missing
 from pipelines.inference.runs.watching import Arrival, Clock, Lister, Watcher
@@ -110,6 +115,7 @@ class Follower:
         """
         self.listed = self.run.find(may_be_empty=True)
         if overwrite:
+            warn_of_lost_parts(self.run, self.run.items(self.listed))
             grasps_file.remove_parts(self.run.output)
         else:
             self.items = earlier_frames(self.run)

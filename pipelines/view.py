@@ -9,11 +9,11 @@ Writes  OUT/frames/NAME.html      one page per frame, which needs no other file 
 
 A page with its stamp is finished, so a killed run resumes where it stopped, and only the pages of
 new or changed frames are made. Frames that `infer` failed on, or that cannot be read any more, are
-reported and listed without a page.
+reported and listed without a page; a page of other grasps or images stays, and is marked.
 """
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -21,7 +21,7 @@ from pathlib import Path
 import cv2
 
 from pipelines.configs import ViewConfig
-from pipelines.errors import FormatError, SymgraspError, counted
+from pipelines.errors import FormatError, StaleOutputError, SymgraspError, counted
 from pipelines.frames.frame_inputs import is_made_of
 from pipelines.frames.frames_record import FramesRecord
 from pipelines.frames.rgbd import Frame, FrameSource
@@ -46,6 +46,7 @@ from pipelines.storage.images import write_image
 from pipelines.storage.provenance import Stamp, digest, is_finished, make_stamp, read_stamp
 
 STAGE = "view"
+STALE = "a page of other grasps or images; view with --overwrite makes it again"
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,9 @@ def run(
     # An index without pages would replace that of the pages of an earlier run.
     if not options.dry_run and not report.failed.keys() >= {*index.names}:
         title = f"{paths.grasps.name}: {counted(len(index.names), 'frame')}"
-        write_text(paths.index, index_page(title, _entries(paths, index.names, report), whole))
+        stale = {each.name for each in items if _is_stale(each, report)}
+        entries = _entries(paths, index.names, report, stale)
+        write_text(paths.index, index_page(title, entries, whole))
     return report
 
 
@@ -228,16 +231,23 @@ def _record(
     report.seconds += recorded.seconds
 
 
-def _entries(paths: ViewPaths, names: Sequence[str], report: StageReport) -> Iterator[IndexEntry]:
+def _is_stale(item: WorkItem, report: StageReport) -> bool:
+    return report.failed.get(item.name) == str(StaleOutputError(item.target))
+
+
+def _entries(
+    paths: ViewPaths, names: Sequence[str], report: StageReport, stale: Container[str]
+) -> Iterator[IndexEntry]:
     places = [place for place, name in enumerate(names) if name not in report.failed]
     results = read_results(paths.grasps, places)
     for name in names:
         failure = report.failed.get(name)
-        if failure is not None:
+        if failure is not None and name not in stale:
             yield IndexEntry(name, None, None, failure, failed=True)
             continue
         page, picture = (
             paths.of_frame(name, suffix).relative_to(paths.output).as_posix()
             for suffix in (".html", ".jpg")
         )
-        yield IndexEntry(name, page, picture, result_words(next(results)))
+        words = STALE if failure is not None else result_words(next(results))
+        yield IndexEntry(name, page, picture, words, failed=failure is not None)

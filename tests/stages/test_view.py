@@ -167,6 +167,9 @@ def test_a_second_run_skips_pages_and_makes_only_changed_frames_again(grasps, tm
     report = run(grasps, out)
     assert report.skipped == list(NAMES[:2])
     assert "--overwrite" in report.failed["two/c"]
+    listed = (out / "index.html").read_text(encoding="utf-8")
+    assert 'href="frames/two/c.html"' in listed  # the page is still there
+    assert view.STALE in listed
     assert run(grasps, out, options=replace(OPTIONS, overwrite=True)).done == list(NAMES)
 
 

@@ -22,8 +22,8 @@ from pipelines.storage.images import encode_image, write_image
 from pipelines.storage.provenance import refuse_other_suffix
 
 STAGE = "gripper"
-# Metres; shorter fingers and narrower grippers are more likely errors of a unit.
-USUAL_FINGER, USUAL_WIDTH = 0.01, 0.02
+# Metres; shorter fingers, narrower grippers and longer measures are more likely errors of a unit.
+USUAL_FINGER, USUAL_WIDTH, USUAL_LENGTH = 0.01, 0.02, 0.4
 
 
 @one_run_at_a_time(STAGE, "output", "picture")
@@ -113,6 +113,8 @@ def oddities_of(gripper: Gripper) -> list[str]:
         odd.append("the fingers are shorter than 1 cm")
     if gripper.max_width < USUAL_WIDTH:
         odd.append(f"contacts are at most {1000 * gripper.max_width:.1f} mm apart")
-    zero = [f.name for f in fields(Gripper)[1:] if getattr(gripper, f.name) == 0.0]
-    odd += [f"{name} is 0" for name in zero if name not in ("tip_reach", "clearance")]
+    for name in (each.name for each in fields(Gripper)[1:]):
+        length = getattr(gripper, name)
+        if length > USUAL_LENGTH or (length == 0.0 and name not in ("tip_reach", "clearance")):
+            odd.append(f"{name} is {1000 * length:g} mm")
     return odd

@@ -1,5 +1,7 @@
 """`gripper`: measures of a URDF, and checks of a gripper's file."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -166,6 +168,8 @@ def test_odd_measures_are_reported(tmp_path):
     assert "tip_reach is longer than the fingers" in report.notes["toy_hand"]
     with pytest.raises(SymgraspError, match="gripper"):
         gripper.run("no_such_preset", config)
+    slip = replace(load_gripper("franka"), max_opening=0.8)  # of a decimal point
+    assert gripper.oddities_of(slip) == ["max_opening is 800 mm"]
 
 
 FLANGE = """<link name="flange"/><joint name="mount" type="fixed"><parent link="flange"/>

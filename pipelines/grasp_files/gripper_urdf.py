@@ -84,7 +84,7 @@ def _palm(path: Path, joints: Sequence[UrdfJoint]) -> str:
         expected = f"name one of them as base link: {', '.join(palms)[:300]}"
         raise FormatError(path, f"has {len(palms)} grippers", expected)
     if not palms:
-        found = f"has {counted.total()} sliding joints, no two of them on one link"
+        found = f"has {counted.total()} sliding joints, and no link with just two of them"
         raise FormatError(path, found, WRITE_BY_HAND)
     return palms[0]
 

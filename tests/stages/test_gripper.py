@@ -67,11 +67,16 @@ def test_meshes_are_read_relative_to_the_file(tmp_path):
         measured(tmp_path, URDF.replace('<box size="0.05 0.2 0.06"/>', mesh.replace("hand", "x")))
 
 
+THIRD_FINGER = """<link name="third"/><joint name="c" type="prismatic"><parent link="hand"/>
+  <child link="third"/></joint></robot>"""
+
+
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        ("prismatic", "revolute", "has 0 sliding joints, no two of them on one link"),
-        ('link="hand"/><child link="right"', 'link="left"/><child link="right"', "no two of them"),
+        ("prismatic", "revolute", "has 0 sliding joints, and no link with just two of them"),
+        ('link="hand"/><child link="right"', 'link="left"/><child link="right"', "no link with"),
+        ("</robot>", THIRD_FINGER, "has 3 sliding joints, and no link with just two of them"),
         ('<parent link="hand"/>', '<parent link="palm"/>', "no link 'palm'; its links: hand"),
         ("<robot", "<!DOCTYPE r [<!ENTITY a 'b'>]><robot", "not XML"),
         ("</robot>", "", "not XML"),

@@ -139,4 +139,6 @@ def _why(name: str, version: str, error: Exception) -> str:
     foreign = foreign_torchvision(error) if name == "torchvision" else None
     if foreign is not None:
         return foreign
-    return f"{version} does not load ({type(error).__name__}: {sentence}); install it again"
+    is_of_system = "cannot open shared object file" in sentence  # libgomp or libGL is missing
+    cure = "this library with the system's package manager" if is_of_system else "it again"
+    return f"{version} does not load ({type(error).__name__}: {sentence}); install {cure}"

@@ -64,6 +64,7 @@ def test_a_package_that_does_not_load_fails_with_its_reason(monkeypatch):
     check = package_check(Requirement("numpy", "1", ""))
     assert check.status is Status.FAIL
     assert "does not load (OSError: libGL.so.1: cannot open shared object file)" in check.text
+    assert check.text.endswith("; install this library with the system's package manager")
 
 
 def test_modules_are_found_whose_names_differ_from_their_package():

@@ -169,9 +169,12 @@ class Grasps:
             SymgraspError: there is no grasp; the message gives the reason.
         """
         if not len(self):
-            reason = "all were left out" if self.status == "ok" else self.message
-            raise SymgraspError(f"there is no grasp: {reason}")
+            raise SymgraspError(f"there is no grasp: {self._why_none}")
         return self[0]
+
+    @property
+    def _why_none(self) -> str:
+        return "all were left out" if self.status == "ok" else self.message
 
     @property
     def symmetries(self) -> tuple[FoundSymmetry, ...]:
@@ -198,7 +201,7 @@ class Grasps:
         return _base_poses(self.rotation, self.translation, self.gripper, convention)
 
     def __repr__(self) -> str:
-        best = f", best rank_score {self.rank_score[0]:.2f}" if len(self) else f": {self.message}"
+        best = f", best rank_score {self.rank_score[0]:.2f}" if len(self) else f": {self._why_none}"
         return f"Grasps({len(self)} in {counted(len(self.regions), 'region')}{best})"
 
 

@@ -162,4 +162,5 @@ def test_without_a_grasp_that_is_left_the_reason_is_not_the_note_of_a_frame_with
 
 def test_grasps_and_regions_are_printed_as_one_line():
     assert repr(GRASPS).startswith("Grasps(12 in 3 regions, best rank_score ")
+    assert repr(GRASPS[[]]) == "Grasps(0 in 3 regions: all were left out)"
     assert repr(frame_with_symmetries().regions[0]).endswith("rotation 0.90, reflection 0.40)")

@@ -1,5 +1,6 @@
 """Find RGB-D frames below a folder, whatever its layout."""
 
+import logging
 import os
 import re
 from collections.abc import Callable, Container
@@ -14,6 +15,8 @@ from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.frames.unread_files import why_no_frame, why_no_frames
 from pipelines.storage.files import is_file, real_path
 from pipelines.storage.unfinished import refuse_unfinished
+
+log = logging.getLogger(__name__)
 
 SCENE_FOLDER = re.compile(r"scene_(\d{4})")  # of GraspNet
 NOT_CHOSEN = "holds no RGB-D frames of this --split and --camera; name others or leave them out"
@@ -51,6 +54,7 @@ def find_frames(
         if not sources:
             raise SymgraspError(why_no_frame(folder))
         return sources
+    os.listdir(folder)  # noqa: PTH208 - the error names the folder if it may not be read
     refuse_unfinished(folder)
     sources = _search(folder, "", stated, partial(_is_wanted, camera, scenes))
     is_chosen = camera is not None or scenes is not None
@@ -66,6 +70,8 @@ def find_frames(
 def _with_file(file: Path, options: FrameOptions) -> list[FrameSource]:
     """List the frames that `file` is part of; its folder is searched first, then that above.
 
+    A folder with a fault, such as a damaged index, gives a source without files: its fault counts.
+
     Images may be in `rgb/`, whose frames are those of the folder above.
     """
     if not is_file(file):
@@ -78,7 +84,8 @@ def _with_file(file: Path, options: FrameOptions) -> list[FrameSource]:
         partial(pickled_in, file.parent),
     )
     for search in searches:
-        if found := [source for source in search("", options) if file in source.files]:
+        found = search("", options)
+        if found := [each for each in found if file in each.files or not each.files]:
             return found
     return []
 
@@ -106,6 +113,9 @@ def _search(
 ) -> list[FrameSource]:
     """List the frames of `folder` and below; `way`: real paths of the folders that led to it."""
     if not is_wanted(folder.name):
+        return []
+    if way and not os.access(folder, os.R_OK | os.X_OK):  # another user's, as a disk's lost+found
+        log.warning("%s is not searched for frames: you may not read it", folder)
         return []
     direct = frames_in(folder, prefix, options)
     if holds_frame(direct):

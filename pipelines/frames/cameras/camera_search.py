@@ -102,7 +102,7 @@ def cameras_in(folder: Path, view: str = "") -> Iterator[tuple[Path, CameraFile]
     for path in _small_files(folder, READ):
         try:
             camera = read_camera_file(path, view=view)
-        except SymgraspError:
+        except (SymgraspError, OSError):
             continue
         center = min(camera.cx, camera.cy)
         is_large = min(camera.fx, camera.fy) >= SHORTEST and center >= LEAST_CENTER

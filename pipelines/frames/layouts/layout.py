@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipelines.errors import SymgraspError, printable
+from pipelines.errors import printable
 from pipelines.frames.rgbd import Frame
 from pipelines.frames.rgbd_folder import FrameOptions
 from pipelines.storage.files import real_path
@@ -32,7 +32,7 @@ class Layout:
     find: Callable[[Path, FrameOptions], Iterable[FoundFrame]]
 
 
-def refuse(error: SymgraspError) -> Frame:
+def refuse(error: Exception) -> Frame:
     """Raise the fault of a frame, when the frame is read."""
     raise error
 

@@ -9,7 +9,7 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.errors import FormatError
+from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.cameras.camera_files import read_camera_file
 from pipelines.frames.cameras.camera_search import own_camera_file, shared_camera_file
 from pipelines.frames.depth.scale_files import read_scale, scale_file
@@ -23,6 +23,7 @@ from pipelines.frames.rgbd_folder import (
     sister_pairs,
 )
 from pipelines.frames.unread_files import unread_partner
+from pipelines.storage.files import existing
 
 SAME_CAMERA = 0.5  # pixels by which rounded intrinsics of one camera may differ
 MOST_LABELS, LABEL_STRIDE = 64, 3  # colours of a picture of labels, counted in each third pixel
@@ -80,11 +81,12 @@ class Pairing:
 
 
 def holds_text(path: Path, key: str) -> bool:
-    """Return whether the beginning of the file `path` contains `key`."""
-    if not path.is_file():
+    """Return whether the beginning of the file `path` contains `key`; False if it is unreadable."""
+    try:
+        with existing(path).open("rb") as stream:
+            return key.encode() in stream.read(LONGEST_LOOK)
+    except (SymgraspError, OSError):
         return False
-    with path.open("rb") as stream:
-        return key.encode() in stream.read(LONGEST_LOOK)
 
 
 def read_paired(

@@ -69,7 +69,7 @@ def _found(
 ) -> list[FrameSource]:
     try:
         found = list(layout.find(folder, options))
-    except SymgraspError as error:
+    except (SymgraspError, OSError) as error:
         found = [FoundFrame("", functools.partial(refuse, error), ())]
     sources, taken = [], set[str]()
     for each in found:

@@ -21,6 +21,7 @@ from pipelines.contents import mapping_in
 from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.frames.deeper_frames import warn_of_deeper_frames
 from pipelines.frames.depth.depth_checks import MISSING_DEPTH
+from pipelines.frames.frame_inputs import current_digest
 from pipelines.frames.frames import find_frames
 from pipelines.frames.rgbd import Frame, FrameSource
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
@@ -30,7 +31,6 @@ from pipelines.storage.array_files import write_npz
 from pipelines.storage.files import atomic_folder, real_path, write_json
 from pipelines.storage.images import write_image
 from pipelines.storage.provenance import (
-    digest,
     digest_text,
     is_finished,
     make_stamp,
@@ -152,6 +152,5 @@ def write_flat_pair(folder: Path, frame: Frame) -> None:
 
 
 def _digest(sources: Sequence[FrameSource]) -> str:
-    digests = {path: digest(path) for path in {path for each in sources for path in each.files}}
-    lines = [f"{each.name} {' '.join(digests[path] for path in each.files)}" for each in sources]
+    lines = [f"{each.name} {' '.join(map(current_digest, each.files))}" for each in sources]
     return digest_text("\n".join(lines))

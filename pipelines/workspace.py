@@ -19,6 +19,7 @@ import numpy as np
 from pipelines.array_types import Mask
 from pipelines.configs import InferConfig, LimitsConfig, WorkspaceConfig
 from pipelines.errors import SymgraspError, ValueRangeError, counted
+from pipelines.frames.frame_inputs import current_digest
 from pipelines.frames.frames import find_frames
 from pipelines.frames.rgbd import FrameSource
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
@@ -31,7 +32,6 @@ from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import atomic_folder
 from pipelines.storage.images import write_image
 from pipelines.storage.provenance import (
-    digest,
     digest_text,
     is_finished,
     make_stamp,
@@ -107,7 +107,7 @@ def _inputs(sources: Sequence[FrameSource], stated: FrameOptions) -> dict[str, s
         for path in source.files:
             name = f"{source.name} {path.name}"
             # Colour and depth may have one name, in two folders.
-            found[f"{name} in {path.parent.name}" if name in found else name] = digest(path)
+            found[f"{name} in {path.parent.name}" if name in found else name] = current_digest(path)
     if stated != NOTHING_STATED:
         found["overrides"] = digest_text(f"{stated.camera} {stated.depth_units_per_metre}")
     return found

@@ -76,6 +76,11 @@ class FrameInputs(Mapping[str, str]):
         return self._own
 
 
+def current_digest(path: Path) -> str:
+    """Return the digest of a frame's file; `UNREADABLE` if it cannot be read."""
+    return _digest(path, *_signature(path))
+
+
 def _signature(path: Path) -> Signature:
     try:
         state = path.stat()

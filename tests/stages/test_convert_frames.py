@@ -4,6 +4,7 @@ import os
 import shutil
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -132,6 +133,18 @@ def test_a_frame_that_failed_is_reported_again_by_a_second_run(tmp_path: Path) -
     assert (first.done, list(first.failed)) == (["0"], ["1"])
     assert (second.skipped, second.exit_code) == (["0"], 1)
     assert second.failed == {"1": f"{first.failed['1']} (--overwrite tries it again)"}
+
+
+def test_a_file_that_is_lost_after_the_search_fails_its_frame_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "in").mkdir()
+    build.flat(tmp_path / "in")
+    sources = find_frames(tmp_path / "in")
+    (tmp_path / "in" / "1_depth.png").unlink()
+    monkeypatch.setattr(convert_frames, "find_frames", Mock(side_effect=[sources, sources[:1]]))
+    report = convert_frames.run(tmp_path / "in", tmp_path / "out", CONFIG)
+    assert (report.done, list(report.failed)) == (["0"], ["1"])
 
 
 def test_frames_of_a_plain_and_of_a_named_sensor_are_all_read_back(tmp_path: Path) -> None:

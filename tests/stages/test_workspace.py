@@ -120,6 +120,15 @@ def test_pictures_of_other_images_or_of_another_stated_unit_are_not_kept(tmp_pat
         workspace.run(frames, tmp_path / "w", config)
 
 
+def test_a_file_that_is_lost_after_the_search_fails_its_frame_alone(tmp_path, monkeypatch):
+    shutil.copytree(FRAMES, tmp_path / "in")
+    sources = find_frames(tmp_path / "in")[:2]
+    sources[0].files[1].unlink()
+    monkeypatch.setattr(workspace, "find_frames", lambda *_arguments: sources)
+    result = workspace.run(tmp_path / "in", tmp_path / "out", WorkspaceConfig())
+    assert list(result.report.failed) == [sources[0].name]
+
+
 def test_a_folder_with_other_content_is_not_replaced(tmp_path):
     (tmp_path / "mine.txt").write_text("x")
     with pytest.raises(SymgraspError, match="no output of workspace; choose another"):

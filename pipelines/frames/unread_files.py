@@ -91,13 +91,15 @@ def _missing(folder: Path, files: list[Path]) -> str:
     return f"{first} and {other} are no pair by their names"
 
 
-def unread_partner(image: Path, missing: str) -> Path | None:
-    """Return a file in the place of the `missing` image, `depth` or `color`, that is not read.
+def unread_partner(image: Path, missing: str) -> tuple[str, str] | None:
+    """Return why a file in the place of the `missing` image, `depth` or `colour`, is not read.
 
-    Its suffix is not read, or it is a broken link or a folder.
+    And what would be right, if it is not the file's name. None without such a file.
     """
-    words, folders = (
-        (("depth",), DEPTH_FOLDERS) if missing == "depth" else (WORDS_OF_COLOR, COLOR_FOLDERS)
+    words, folders, read, kinds = (
+        (("depth",), DEPTH_FOLDERS, DEPTH_SUFFIXES, "a 16-bit PNG, TIFF or PGM, .npy, .npz or .exr")
+        if missing == "depth"
+        else (WORDS_OF_COLOR, COLOR_FOLDERS, COLOR_SUFFIXES, "PNG, JPEG, BMP, TIFF, WebP or PPM")
     )
     word = word_and_rest(image.stem)[0]
     at = image.stem.lower().rfind(word)
@@ -105,6 +107,13 @@ def unread_partner(image: Path, missing: str) -> Path | None:
     places = [image.parent / f"{head}{each}{tail}" for each in words if word]
     if (beside := sister(image.parent.parent, folders)) is not None and not word:
         places.append(beside / image.stem)
-    suffixes = {*UNREAD_IMAGE_SUFFIXES, *(DEPTH_SUFFIXES if missing == "depth" else COLOR_SUFFIXES)}
-    named = (Path(f"{place}{suffix}") for place in places for suffix in sorted(suffixes))
-    return next((path for path in named if os.path.lexists(path)), None)
+    suffixes = sorted({*UNREAD_IMAGE_SUFFIXES, *read})
+    named = (Path(f"{place}{suffix}") for place in places for suffix in suffixes)
+    other = next((path for path in named if os.path.lexists(path)), None)
+    if other is None:
+        return None
+    if not is_file(other):
+        return f"{other.name}, which is no file", "put the image in place of this link or folder"
+    if other.suffix in read:
+        return f"{other.name}, whose name is no pair with it", ""
+    return f"{other.name}, which is not read", f"save {missing} as {kinds}"

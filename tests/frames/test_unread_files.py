@@ -63,7 +63,15 @@ def test_a_broken_link_in_the_place_of_an_image_is_named(tmp_path: Path) -> None
     build.image(tmp_path / "x_color.png", build.color(0))
     (tmp_path / "x_depth.png").symlink_to(tmp_path / "moved.png")
     (source,) = find_frames(tmp_path)
-    assert "but x_depth.png, which is not read" in _fault(source)
+    assert "but x_depth.png, which is no file" in _fault(source)
+
+
+@pytest.mark.parametrize("depth", ["x_depth_map.png", "depth_map.png"])
+def test_an_image_that_is_read_under_another_name_is_no_pair(tmp_path: Path, depth: str) -> None:
+    build.pair(tmp_path / depth.replace("depth", "rgb"), tmp_path / depth, 0)
+    color = depth.replace("depth", "rgb")
+    expected = f"no colour image next to it but {color}, whose name is no pair with it; both have"
+    assert any(expected in _fault(source) for source in find_frames(tmp_path))
 
 
 def _fault(source: FrameSource) -> str:

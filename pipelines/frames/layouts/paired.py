@@ -27,6 +27,7 @@ from pipelines.storage.files import existing
 
 SAME_CAMERA = 0.5  # pixels by which rounded intrinsics of one camera may differ
 MOST_LABELS, LABEL_STRIDE = 64, 3  # colours of a picture of labels, counted in each third pixel
+ONE_NAME = "both have one name, as x_color.png and x_depth.png, or rgb/x.png and depth/x.png"
 LONGEST_LOOK = 100_000  # bytes of a camera file that are searched for its key
 
 
@@ -126,19 +127,11 @@ def _refuse_labels(path: Path, image: NDArray[np.uint8]) -> None:
 
 def _refuse_lone(pair: ImagePair) -> NoReturn:
     """Raise a FormatError on the missing image of a pair, naming a file in its place."""
-    present, missing, word, kinds = (
-        (pair.color, "depth", "depth", "a 16-bit PNG, TIFF or PGM, .npy, .npz or .exr")
-        if pair.depth is None
-        else (pair.depth, "colour", "color", "PNG, JPEG, BMP, TIFF, WebP or PPM")
-    )
-    if present is not None and (other := unread_partner(present, word)) is not None:
-        found = f"has no {missing} image next to it but {other.name}, which is not read"
-        raise FormatError(present, found, f"save {missing} as {kinds}")
-    raise FormatError(
-        str(present),
-        f"has no {missing} image next to it",
-        "both have one name, as x_color.png and x_depth.png, or rgb/x.png and depth/x.png",
-    )
+    present, missing = (pair.color, "depth") if pair.depth is None else (pair.depth, "colour")
+    found, expected = f"has no {missing} image next to it", ONE_NAME
+    if present is not None and (unread := unread_partner(present, missing)) is not None:
+        found, expected = f"{found} but {unread[0]}", unread[1] or expected
+    raise FormatError(str(present), found, expected)
 
 
 def _refuse_two_cameras(camera: Path, depth: Path) -> None:

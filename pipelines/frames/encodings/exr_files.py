@@ -1,5 +1,7 @@
 """Depth in OpenEXR files: half and float, one channel or several equal channels."""
 
+import sys
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +38,10 @@ def read_exr(path: Path) -> NDArray[Any]:
             raise FormatError(path, found, f"at most {MAX_PIXELS} pixels are read")
         if count > MAX_CHANNELS:
             raise FormatError(path, f"has {count} channels", f"at most {MAX_CHANNELS} are read")
-        with OpenEXR.File(str(path), separate_channels=True) as file:
+        # Of damaged pixels it prints a warning, and has no part; stdout is for reports alone.
+        with redirect_stdout(sys.stderr), OpenEXR.File(str(path), separate_channels=True) as file:
+            if not file.parts:
+                raise ValueError("its pixels are damaged or cut off")
             channels = {name: np.array(each.pixels) for name, each in file.channels().items()}
     except (RuntimeError, *UNFIT) as error:
         raise FormatError(path, f"this is no readable .exr ({error})", expected) from error

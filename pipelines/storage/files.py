@@ -16,6 +16,8 @@ from pipelines.errors import NO_SPACE, FormatError, MissingInputError, SymgraspE
 from pipelines.storage.temporary import new_temporary
 
 NOT_ALLOWED = {errno.EROFS, errno.EACCES, errno.EPERM}
+# First bytes, and most bytes, of what Git leaves in place of a large file that is not downloaded.
+LFS_HEAD, LFS_BYTES = b"version https://git-lfs", 1024
 LONGEST_NAME = 255  # bytes of a file name that file systems accept
 
 
@@ -221,13 +223,17 @@ def existing(path: Path, made_by: str = "") -> Path:
 
     Raises:
         MissingInputError: there is no such file, which the command `made_by` writes.
-        SymgraspError: there is no such file, and no command is named.
+        SymgraspError: there is no such file, and no command is named; or it is not downloaded.
     """
     if not is_file(path):
         if made_by:
             raise MissingInputError(path, made_by)
         found = "is no plain file" if path.exists() else "does not exist"
         raise SymgraspError(f"{path} {found}; give another path, or restore the file")
+    if path.stat().st_size <= LFS_BYTES:
+        with path.open("rb") as stream:
+            if stream.read(len(LFS_HEAD)) == LFS_HEAD:
+                raise SymgraspError(f"{path} is a pointer of Git LFS; run `git lfs pull`")
     return path
 
 

@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 
 from pipelines.errors import FormatError, SymgraspError, WriteError
+from pipelines.frames.encodings.yaml_files import read_yaml
 from pipelines.storage import array_files, files, images
 from pipelines.storage.files import atomic_folder, file_behind, read_json, real_path, within
+from pipelines.storage.h5_files import open_h5
 from tests.storage.full_disk import little_space
 
 NOISE = np.random.default_rng(0).integers(0, 255, (60, 60, 3), np.uint8)
@@ -55,6 +57,16 @@ def test_json_round_trips_and_bad_json_is_named(tmp_path):
 def test_a_missing_file_is_reported_in_one_sentence(tmp_path):
     with pytest.raises(SymgraspError, match="does not exist"):
         files.existing(tmp_path / "none.npy")
+
+
+@pytest.mark.parametrize(
+    "read",
+    [read_json, images.read_image, array_files.read_npy, array_files.read_npz, open_h5, read_yaml],
+)
+def test_a_file_that_git_has_not_downloaded_is_named_so(tmp_path, read):
+    (tmp_path / "a").write_text("version https://git-lfs/v1\noid sha256:0\nsize 9\n")
+    with pytest.raises(SymgraspError, match=r"a is a pointer of Git LFS; .* `git lfs pull`"):
+        read(tmp_path / "a")
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])

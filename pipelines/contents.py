@@ -1,5 +1,6 @@
 """Checks of file contents: types, forms and bounds; each fault is one sentence."""
 
+import codecs
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -87,7 +88,7 @@ def json_value(
 
 
 def parsed_json(data: bytes, *, by_hand: bool = False) -> Any:  # noqa: ANN401 - JSON
-    """Return the value of JSON in UTF-8, after the byte order mark that editors on Windows add.
+    """Return the value of JSON in the encoding that `encoding_of` tells.
 
     `by_hand`: names must not be repeated in an object.
 
@@ -97,10 +98,16 @@ def parsed_json(data: bytes, *, by_hand: bool = False) -> Any:  # noqa: ANN401 -
         RecursionError: nested too deep.
     """
     hook = _with_distinct_names if by_hand else None
-    content = json.loads(data.decode("utf-8-sig"), object_pairs_hook=hook)
-    if b"\\ud" in data.lower():
+    text = data.decode(encoding_of(data))
+    content = json.loads(text, object_pairs_hook=hook)
+    if "\\ud" in text.lower():
         json.dumps(content, ensure_ascii=False).encode()
     return content
+
+
+def encoding_of(text: bytes) -> str:
+    """Return the encoding of a text, by the byte order mark that programs on Windows write."""
+    return "utf-16" if text.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else "utf-8-sig"
 
 
 def _with_distinct_names(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from types import MappingProxyType
 from typing import Any
 
 from pipelines.configs.settings import Setting, settings_of
-from pipelines.contents import is_deep, reason
+from pipelines.contents import encoding_of, is_deep, reason
 from pipelines.errors import FormatError, MissingInputError
 
 MAX_BYTES = 2**20
@@ -33,7 +33,7 @@ def read_toml(path: Path, expected: str = AS_TOML) -> dict[str, Any]:
     if len(content) > MAX_BYTES:
         raise FormatError(path, f"is larger than {MAX_BYTES} bytes", expected)
     try:
-        tables = tomllib.loads(content.decode())
+        tables = tomllib.loads(content.decode(encoding_of(content)))
         deep = is_deep(tables, MAX_LEVELS)
     except RecursionError:
         deep = True

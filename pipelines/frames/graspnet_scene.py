@@ -28,7 +28,7 @@ from pipelines.geometry.transforms import (
     quaternion_to_matrix,
 )
 from pipelines.storage.array_files import read_npy, write_npy
-from pipelines.storage.files import existing, write_bytes, write_text
+from pipelines.storage.files import existing, read_text, write_bytes, write_text
 
 log = logging.getLogger(__name__)
 
@@ -183,7 +183,7 @@ def read_object_ids(path: Path) -> list[int]:
     Raises:
         FormatError: a line is no number of at most nine digits.
     """
-    lines = existing(path).read_text(encoding="utf-8", errors="replace").split()
+    lines = read_text(path).split()
     if not all(line.isdecimal() and len(line) < 10 for line in lines):
         raise FormatError(path, "a line that is no object id", "one integer a line, from 0")
     return [int(line) for line in lines]

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from pipelines.contents import MAX_JSON_BYTES, json_value
+from pipelines.contents import MAX_JSON_BYTES, encoding_of, json_value
 from pipelines.ending import remove_temporary
 from pipelines.errors import NO_SPACE, FormatError, MissingInputError, SymgraspError, WriteError
 from pipelines.storage.temporary import new_temporary
@@ -208,6 +208,12 @@ def read_bytes(path: Path, most: int) -> bytes:
     if len(data) > most:
         raise FormatError(path, f"has more than {most} bytes", "a smaller file is expected")
     return data
+
+
+def read_text(path: Path, most: int = MAX_JSON_BYTES) -> str:
+    """Read the text file `path` of at most `most` bytes; bytes of no character become U+FFFD."""
+    data = read_bytes(path, most)
+    return data.decode(encoding_of(data), errors="replace")
 
 
 def is_file(path: Path) -> bool:

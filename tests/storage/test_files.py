@@ -11,7 +11,9 @@ import cv2
 import numpy as np
 import pytest
 
+from pipelines.configs.toml_files import read_toml
 from pipelines.errors import FormatError, SymgraspError, WriteError
+from pipelines.frames.encodings.camera_texts import read_camera_text
 from pipelines.frames.encodings.yaml_files import read_yaml
 from pipelines.storage import array_files, files, images
 from pipelines.storage.files import atomic_folder, file_behind, read_json, real_path, within
@@ -67,6 +69,22 @@ def test_a_file_that_git_has_not_downloaded_is_named_so(tmp_path, read):
     (tmp_path / "a").write_text("version https://git-lfs/v1\noid sha256:0\nsize 9\n")
     with pytest.raises(SymgraspError, match=r"a is a pointer of Git LFS; .* `git lfs pull`"):
         read(tmp_path / "a")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+@pytest.mark.parametrize(
+    ("read", "text"),
+    [
+        (read_json, '{"fx": 600.0}'),
+        (read_yaml, "fx: 600.0\r\n"),
+        (read_toml, "fx = 600.0\r\n"),
+        (read_camera_text, "fx=600.0\r\n"),
+    ],
+)
+def test_texts_of_programs_on_windows_are_read(tmp_path, encoding, read, text):
+    """PowerShell's > and Notepad write byte order marks, PowerShell also two bytes a letter."""
+    (tmp_path / "a").write_bytes(text.encode(encoding))
+    assert read(tmp_path / "a") == {"fx": 600.0}
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])

@@ -9,6 +9,7 @@ from pathlib import Path
 from pipelines.errors import SymgraspError
 from pipelines.frames.cameras.camera_files import CameraFile, may_hold_camera, read_camera_file
 from pipelines.frames.image_names import names_view
+from pipelines.storage.files import read_text
 
 # Names that are searched next to the images, in this order; after them any *.intr.
 SHARED_CAMERA_FILES = (
@@ -114,7 +115,7 @@ def _may_be_a_box(path: Path) -> bool:
     """Return whether a file holds four bare numbers, such as a box, under no name of a camera."""
     if path.suffix.lower() not in TEXTS or CAMERA_WORDS.search(path.stem):
         return False
-    return FOUR_NUMBERS.fullmatch(path.read_text(encoding="utf-8", errors="replace")) is not None
+    return FOUR_NUMBERS.fullmatch(read_text(path)) is not None
 
 
 def where_a_camera_may_be(image: Path) -> str:

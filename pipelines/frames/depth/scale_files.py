@@ -11,7 +11,7 @@ import numpy as np
 from pipelines.errors import FormatError
 from pipelines.frames.depth.stated_units import units_in
 from pipelines.storage.array_files import read_npy
-from pipelines.storage.files import read_bytes
+from pipelines.storage.files import read_text
 
 NAME = re.compile(r"(?:camera[-_.])?depth[-_.]?(?:scale|units?)\.(?:txt|npy)", re.IGNORECASE)
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
@@ -41,7 +41,7 @@ def read_scale(path: Path) -> float:
         numbers = np.atleast_1d(read_npy(path)).ravel()
         stated = numbers[0] if numbers.size == 1 else numbers
     else:
-        text = read_bytes(path, MAX_BYTES).decode("utf-8-sig", errors="replace").strip()
+        text = read_text(path, MAX_BYTES).strip()
         numbers_in_text = NUMBER.findall(text)
         stated = numbers_in_text[0] if len(numbers_in_text) == 1 else text
     try:

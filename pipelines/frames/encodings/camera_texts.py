@@ -12,7 +12,7 @@ from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from pipelines.errors import FormatError
-from pipelines.storage.files import read_bytes
+from pipelines.storage.files import read_bytes, read_text
 
 MAX_BYTES = 2**20  # of a file; cameras have some thousand
 MATRIX_SIZES = (9, 12, 16)  # numbers of 3x3, 3x4 and 4x4
@@ -43,7 +43,7 @@ def read_camera_text(path: Path) -> dict[str, Any]:
     Raises:
         FormatError: the file has none of the known forms, or several cameras.
     """
-    text = read_bytes(path, MAX_BYTES).decode("utf-8-sig", errors="replace")
+    text = read_text(path, MAX_BYTES)
     text = QUOTES.sub("", "\n".join(COMMENT.sub("", line) for line in text.splitlines())).strip()
     if COLMAP_LINE.match(text):
         return _colmap_camera(path, text.splitlines())

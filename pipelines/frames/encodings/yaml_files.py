@@ -11,6 +11,7 @@ from pathlib import Path
 import yaml
 from yaml.composer import ComposerError
 
+from pipelines.contents import encoding_of
 from pipelines.errors import FormatError
 from pipelines.storage.files import existing
 
@@ -97,7 +98,7 @@ def _text(path: Path) -> str:
         if not data:
             found = f"a document of more than {MAX_YAML_BYTES} bytes"
             raise FormatError(path, found, CAMERA_EXPECTED)
-    text = UNPRINTABLE.sub("\ufffd", data.decode("utf-8-sig", errors="replace")).expandtabs()
+    text = UNPRINTABLE.sub("\ufffd", data.decode(encoding_of(data), errors="replace")).expandtabs()
     for pattern, replacement in LENIENT:
         text = pattern.sub(replacement, text)
     return text

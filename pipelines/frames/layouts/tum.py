@@ -16,7 +16,7 @@ from pipelines.frames.cameras.camera_search import find_camera_file
 from pipelines.frames.cameras.lens import BROWN, NO_DISTORTION, Distortion
 from pipelines.frames.layouts.layout import FoundFrame, Layout
 from pipelines.frames.rgbd_folder import FrameOptions, read_with_camera
-from pipelines.storage.files import existing, is_file, real_path
+from pipelines.storage.files import is_file, read_text, real_path
 
 UNITS_PER_METRE = 5000.0
 LARGEST_GAP = 0.02  # seconds between a colour and a depth image of one frame
@@ -112,7 +112,7 @@ def _associated(folder: Path, index: Path) -> list[tuple[Path, Path]]:
 
 
 def _lines(index: Path, fields: int) -> list[list[str]]:
-    text = existing(index).read_text(encoding="utf-8", errors="replace").replace("\0", "?")
+    text = read_text(index).replace("\0", "?")
     lines = [line.split() for line in text.splitlines() if not line.lstrip().startswith("#")]
     lines = [line for line in lines if line]
     wrong = next((line for line in lines if len(line) != fields), None)

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from pipelines.array_types import Mask
-from pipelines.errors import FormatError, ValueRangeError
+from pipelines.errors import ValueRangeError
+from pipelines.frames.masks import at_size
 from pipelines.storage.files import is_file
 from pipelines.storage.images import read_image
 
@@ -42,13 +43,8 @@ def read_workspace_mask(path: Path, shape: tuple[int, ...]) -> Mask:
     """Return the mask (H, W) of pixels of a picture that are not black; `shape` is the depth's.
 
     Raises:
-        SymgraspError: no such picture, or a picture of another size.
+        SymgraspError: no such picture, or a picture whose sides have another ratio.
     """
     picture = read_image(path)
     inside = (picture if picture.ndim == 2 else picture[..., :3].max(axis=-1)) > 0
-    if inside.shape != shape:
-        height, width = inside.shape
-        raise FormatError(
-            path, f"has {width} x {height} pixels", f"the frame's depth has {shape[1]} x {shape[0]}"
-        )
-    return np.asarray(inside)
+    return np.asarray(at_size(path, inside, shape))

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.array_types import Mask
-from pipelines.errors import ValueRangeError
 from pipelines.frames.masks import read_masks
 from pipelines.frames.rgbd import Frame
 from pipelines.frames.workspace_files import read_workspace_mask
@@ -21,12 +20,10 @@ def drawn_by_user(
     `shared`: last parts of names that several frames share.
 
     Raises:
-        SymgraspError: the frame has no mask, or a mask has another size than the image.
+        SymgraspError: the frame has no mask, or a mask whose sides have another ratio.
     """
-    masks = None if paths.masks is None else read_masks(paths.masks, name, shared)
     shape = frame.depth.shape
-    if masks is not None and masks.shape != shape:
-        raise ValueRangeError(f"size of the masks of {name}", masks.shape, f"{shape}")
+    masks = None if paths.masks is None else read_masks(paths.masks, name, shape, shared)
     workspace = None if paths.workspace is None else read_workspace_mask(paths.workspace, shape)
     return (
         None if masks is None else frame.undistorted(masks),

@@ -1,8 +1,10 @@
 """Colour and depth images paired by their names, in one folder or in two sister folders."""
 
 import re
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import chain
 from operator import attrgetter
 from pathlib import Path
 
@@ -23,7 +25,7 @@ from pipelines.frames.rgbd import DepthUnits, Frame, read_pair
 
 COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm")
 DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".exr", ".pgm")
-COLOR_FOLDERS = ("rgb", "color", "image", "images", "gray", "colors", "rgbs")
+COLOR_FOLDERS = ("rgb", "color", "image", "images", "gray", "colors", "rgbs", "left")
 DEPTH_FOLDERS = ("depth", "depths", "distance_to_image_plane")
 # Rests of the names of arrays that hold facts about the images, such as depth_scale.npy.
 FACTS = re.compile("(camera[-_.])?((?i:matrix|params|scale|units?|(in|ex)trinsics?)|K)")
@@ -226,29 +228,40 @@ def sister_pairs(folder: Path, suffix: str = "") -> list[ImagePair]:
     if aligned_color is not None and (aligned_depth is None or color_folder is None):
         color_folder = aligned_color
     depth_folder = aligned_depth or sister(folder, DEPTH_FOLDERS, suffix)
-    if color_folder is None or depth_folder is None:
-        return _pairs_by_word(folder) if not suffix else []
-    return _pairs_in(color_folder, depth_folder)
+    if not suffix and (color_folder is None or depth_folder is None):
+        color_folder, depth_folder = _by_word(folder, color_folder, depth_folder)
+    return _pairs_in(color_folder, depth_folder) if color_folder and depth_folder else []
 
 
-def _pairs_by_word(folder: Path) -> list[ImagePair]:
-    """Pair the images of the only two folders that differ by a word, as `rgb_raw`, `depth_raw`."""
+def _by_word(folder: Path, color: Path | None, depth: Path | None) -> Sequence[Path | None]:
+    """Return the only two folders that differ by a word, as `rgb_raw`, `depth_raw`.
+
+    Else `color` and `depth`, and in place of None the only folder with the word: `depth_images`.
+    """
     folders = sorted(path for path in folder.iterdir() if path.is_dir())
     colors, depths = (_without_any_word(folders, words) for words in (WORDS_OF_COLOR, ("depth",)))
     alike = [(*colors[rest], *depths[rest]) for rest in colors.keys() & depths.keys()]
-    if len(alike) != 1 or len(alike[0]) != 2:
-        return []
-    return _pairs_in(*alike[0])
+    if len(alike) == 1 and len(alike[0]) == 2:
+        return alike[0]
+    named = (list(chain(*found.values())) for found in (colors, depths))
+    only = (found[0] if len(found) == 1 else None for found in named)
+    return [known or other for known, other in zip((color, depth), only, strict=True)]
 
 
 def _pairs_in(color_folder: Path, depth_folder: Path) -> list[ImagePair]:
-    """Pair the images of two folders."""
-    colors = _by_stem(color_folder.iterdir(), COLOR_SUFFIXES)
-    depths = _by_stem(depth_folder.iterdir(), DEPTH_SUFFIXES)
-    if not colors.keys() & depths.keys():  # color/color_0.png and depth/depth_0.png
-        plain = _without_words(colors, WORDS_OF_COLOR), _without_words(depths, ("depth",))
-        colors, depths = plain if plain[0].keys() & plain[1].keys() else (colors, depths)
-    return _paired(colors, depths)
+    """Pair the images of two folders: x and x, else color_x and depth_x, else frame_x and x."""
+    files = [
+        _by_stem(color_folder.iterdir(), COLOR_SUFFIXES),
+        _by_stem(depth_folder.iterdir(), DEPTH_SUFFIXES),
+    ]
+    kinds = (WORDS_OF_COLOR, ("depth",))
+    plain = [
+        _renamed(found, partial(without_word, words=words))
+        for found, words in zip(files, kinds, strict=True)
+    ]
+    weak = [_renamed(found, without_weak_word) for found in plain]
+    pairs = (each for each in (files, plain, weak) if each[0].keys() & each[1].keys())
+    return _paired(*next(pairs, files))
 
 
 def _without_any_word(folders: Iterable[Path], words: tuple[str, ...]) -> ImageFiles:
@@ -262,11 +275,11 @@ def _without_any_word(folders: Iterable[Path], words: tuple[str, ...]) -> ImageF
     return found
 
 
-def _without_words(files: ImageFiles, words: tuple[str, ...]) -> ImageFiles:
-    """Map the rest of the names, without a word that ends or begins them, to the files."""
+def _renamed(files: ImageFiles, rest_of: Callable[[str], str | None]) -> ImageFiles:
+    """Map what `rest_of` the names returns, or the names for None, to the files."""
     found: ImageFiles = {}
     for stem, paths in files.items():
-        rest = without_word(stem, words)
+        rest = rest_of(stem)
         found.setdefault(stem if rest is None else rest, []).extend(paths)
     return found
 

@@ -438,6 +438,12 @@ def test_a_real_graspnet_demo_folder_is_read(shared: Path) -> None:
         ("rgb/rgb7.png", "depth/depth7.png", "7"),
         ("color7.png", "depth7.png", "7"),
         ("RGB7_left.png", "Depth7_left.png", "7_left"),
+        ("images/7.png", "depth_images/7.png", "7"),
+        ("Image/7.png", "Depth_maps/7.png", "7"),
+        ("rgb_left/7.png", "depth/7.png", "7"),
+        ("left/7.png", "depth/7.png", "7"),
+        ("images/frame_7.png", "depth/depth_7.png", "7"),
+        ("images/frame7.png", "depth/7.png", "7"),
     ],
 )
 def test_the_words_may_be_in_the_names_in_two_folders_and_before_a_number(
@@ -445,3 +451,10 @@ def test_the_words_may_be_in_the_names_in_two_folders_and_before_a_number(
 ) -> None:
     save(tmp_path / image, tmp_path / partner, tmp_path / "camera.json")
     assert [source.read().name for source in find_frames(tmp_path)] == [name]
+
+
+def test_of_two_folders_with_the_word_none_is_taken(tmp_path: Path, save: Save) -> None:
+    save(tmp_path / "images/7.png", tmp_path / "depth_maps/7.png", tmp_path / "camera.json")
+    (tmp_path / "depth_colored").mkdir()
+    with pytest.raises(SymgraspError, match="no pair by their names"):
+        find_frames(tmp_path)

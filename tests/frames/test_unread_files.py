@@ -90,8 +90,8 @@ def test_folders_of_images_have_any_usual_letter_case(tmp_path: Path) -> None:
 
 
 def test_images_that_are_no_pair_are_named_with_their_folders(tmp_path: Path) -> None:
-    build.pair(tmp_path / "left/0.png", tmp_path / "aligned_depth/0.png", 0)
-    with pytest.raises(SymgraspError, match=r"aligned_depth/0.png and left/0.png are no pair"):
+    build.pair(tmp_path / "view/0.png", tmp_path / "aligned_depth/0.png", 0)
+    with pytest.raises(SymgraspError, match=r"aligned_depth/0.png and view/0.png are no pair"):
         find_frames(tmp_path)
 
 

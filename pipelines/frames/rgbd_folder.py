@@ -8,7 +8,7 @@ from itertools import chain
 from operator import attrgetter
 from pathlib import Path
 
-from pipelines.frames.cameras.camera_files import CameraFile, read_camera_file, read_units
+from pipelines.frames.cameras.camera_files import CameraFile
 from pipelines.frames.depth.stated_units import check_units
 from pipelines.frames.image_names import (
     ALIGNED_COLOR,
@@ -21,7 +21,7 @@ from pipelines.frames.image_names import (
     without_word,
     word_and_rest,
 )
-from pipelines.frames.rgbd import DepthUnits, Frame, read_pair
+from pipelines.frames.rgbd import DepthUnits
 
 COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm")
 DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".exr", ".pgm")
@@ -61,11 +61,13 @@ class FrameOptions:
 
         Returns:
             The unit that the user stated, for floats too; else that in the stated camera's file,
-            else `written`, else `usual`, which are for whole numbers: floats are metres.
+            else `written`, else `usual`, which are for whole numbers: floats are metres, unless
+            they are too large for metres and a file states a unit.
         """
         if (stated := self.depth_units_per_metre) is not None:
             return DepthUnits(stated, stated, is_stated=True)
-        return DepthUnits((self.camera and self.camera.units_per_metre) or written or usual)
+        units = (self.camera and self.camera.units_per_metre) or written
+        return DepthUnits(units or usual, far_floats=units)
 
 
 NOTHING_STATED = FrameOptions()
@@ -89,27 +91,6 @@ class ImagePair:
     def view(self) -> str:
         """The camera whose view both images have; see `view_of`."""
         return view_of(self.color, self.depth) if self.color and self.depth else ""
-
-
-def read_with_camera(
-    color: Path,
-    depth: Path,
-    camera_file: Path | None,
-    options: FrameOptions,
-    usual_units: float = DepthUnits().integers,
-) -> Frame:
-    """Read one frame by the stated options first, then `camera_file`, then `usual_units`.
-
-    Raises:
-        FormatError: no intrinsics, or a fault of the images (see `read_depth`).
-    """
-    camera, units = options.camera, None
-    if camera_file is not None and camera is None:
-        camera = read_camera_file(camera_file, color.stem, view_of(color, depth))
-        units = camera.units_per_metre
-    elif camera_file is not None and options.needs_units:
-        units = read_units(camera_file, color.stem, view_of(color, depth))
-    return read_pair(color, depth, camera, options.depth_units(units, usual_units))
 
 
 def flat_pairs(folder: Path) -> list[ImagePair]:

@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.errors import FormatError, SymgraspError
-from pipelines.frames.cameras.camera_files import read_camera_file
+from pipelines.frames.cameras.camera_files import read_camera_file, read_units
 from pipelines.frames.cameras.camera_search import own_camera_file, shared_camera_file
 from pipelines.frames.depth.scale_files import read_scale, scale_file
+from pipelines.frames.image_names import view_of
 from pipelines.frames.layouts.layout import FoundFrame
-from pipelines.frames.rgbd import DepthUnits, Frame
+from pipelines.frames.rgbd import DepthUnits, Frame, read_pair
 from pipelines.frames.rgbd_folder import (
     FrameOptions,
     ImagePair,
     flat_pairs,
-    read_with_camera,
     sister_pairs,
 )
 from pipelines.frames.unread_files import unread_partner
@@ -107,13 +107,36 @@ def read_paired(
         _refuse_lone(pair)
     if camera is not None and options.camera is None:
         _refuse_two_cameras(camera, pair.depth)
-    units = DepthUnits().integers
-    if scale is not None and options.needs_units:
-        units = read_scale(scale)
-    frame = read_with_camera(pair.color, pair.depth, camera, options, units)
+    frame = read_with_camera(pair.color, pair.depth, camera, options, scale=scale)
     if pair.color == pair.depth.with_name(f"{pair.stem}{pair.color.suffix}"):
         _refuse_labels(pair.color, frame.color)
     return frame
+
+
+def read_with_camera(
+    color: Path,
+    depth: Path,
+    camera_file: Path | None,
+    options: FrameOptions,
+    usual_units: float = DepthUnits().integers,
+    scale: Path | None = None,
+) -> Frame:
+    """Read one frame by the stated options first, then `camera_file`, `scale`, `usual_units`.
+
+    `scale`: a file that states the unit of the depth alone.
+
+    Raises:
+        FormatError: no intrinsics, or a fault of the images (see `read_depth`).
+    """
+    camera, units = options.camera, None
+    if camera_file is not None and camera is None:
+        camera = read_camera_file(camera_file, color.stem, view_of(color, depth))
+        units = camera.units_per_metre
+    elif camera_file is not None and options.needs_units:
+        units = read_units(camera_file, color.stem, view_of(color, depth))
+    if units is None and scale is not None and options.needs_units:
+        units = read_scale(scale)
+    return read_pair(color, depth, camera, options.depth_units(units, usual_units))
 
 
 def _refuse_labels(path: Path, image: NDArray[np.uint8]) -> None:

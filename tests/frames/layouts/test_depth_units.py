@@ -4,6 +4,7 @@ import json
 import shutil
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -69,9 +70,9 @@ def test_a_camera_file_given_as_an_option_sets_the_unit(tmp_path: Path) -> None:
     ("options", "expected"),
     [
         (FrameOptions(IN_FILE, 9.0), DepthUnits(9.0, 9.0, is_stated=True)),
-        (FrameOptions(IN_FILE), DepthUnits(UNITS, 1.0)),
-        (FrameOptions(CameraFile(*build.FOUR)), DepthUnits(7.0, 1.0)),
-        (FrameOptions(), DepthUnits(7.0, 1.0)),
+        (FrameOptions(IN_FILE), DepthUnits(UNITS, 1.0, UNITS)),
+        (FrameOptions(CameraFile(*build.FOUR)), DepthUnits(7.0, 1.0, 7.0)),
+        (FrameOptions(), DepthUnits(7.0, 1.0, 7.0)),
     ],
 )
 def test_a_stated_unit_wins_over_the_unit_in_a_file(
@@ -160,3 +161,33 @@ def test_a_scale_that_is_no_unit_is_refused(tmp_path: Path, content: str) -> Non
     with pytest.raises(FormatError, match=r"depth_scale\.txt: states the unit.*--depth-units-per"):
         find_frames(folder)[0].read()
     assert find_frames(folder, FrameOptions(None, 4000.0))[0].read().units_per_metre == 4000.0
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "units"),
+    [
+        ("depth_scale.txt", "0.001", 1000.0),
+        ("depth_units.txt", "m", 1.0),
+        ("depth_units.txt", "mm", 1000.0),
+        ("note.txt", "", 1.0),
+    ],
+)
+@pytest.mark.parametrize("suffix", [".npy", ".npz", ".tif"])
+def test_floats_too_large_for_metres_have_the_unit_of_whole_numbers_if_it_is_written(
+    tmp_path: Path, name: str, content: str, units: float, suffix: str
+) -> None:
+    folder = scaled(tmp_path, name, content)
+    (tmp_path / "0_depth.png").unlink()
+    stored = np.float32(build.depth(0) * units / 1000.0)
+    save = {".npy": np.save, ".npz": np.savez, ".tif": lambda path, d: cv2.imwrite(str(path), d)}
+    save[suffix](folder / f"0_depth{suffix}", stored)
+    frame = find_frames(folder)[0].read()
+    assert (frame.units_per_metre, frame.depth.max()) == (units, pytest.approx(0.899))
+
+
+def test_floats_too_large_for_metres_are_refused_without_a_unit(tmp_path: Path) -> None:
+    folder = scaled(tmp_path, "note.txt", "")
+    (tmp_path / "0_depth.png").unlink()
+    np.save(folder / "0_depth.npy", np.float32(build.depth(0)))
+    with pytest.raises(FormatError, match="give the units per metre"):
+        find_frames(folder)[0].read()

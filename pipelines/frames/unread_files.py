@@ -29,6 +29,7 @@ UNREAD_IMAGE_SUFFIXES = (
 )
 MOST_FILES = 5000
 MOST_KINDS = 6
+SAVE_ARRAYS = "save each frame as PNG files, or as .npz with depth, K and image (RGB)"
 HINTS = {
     ".r3d": "export colour and depth images from Record3D",
     ".depth": "export colour and depth images (EXR) from Record3D",
@@ -39,13 +40,14 @@ HINTS = {
     ".oni": "take the images of an OpenNI recording out",
     ".klg": "take the images of the recording out",
     ".raw": "save raw depth as a 16-bit PNG next to the colour image",
-    ".h5": "save each frame as PNG files, or as .npz with depth, K and rgb",
-    ".hdf5": "save each frame as PNG files, or as .npz with depth, K and rgb",
+    ".h5": SAVE_ARRAYS,
+    ".hdf5": SAVE_ARRAYS,
     ".npz": "the arrays of an .npz are named depth, K, and rgb (BGR) or image (RGB)",
     ".ply": "a cloud is read as an organised .pcd only",
     **dict.fromkeys((".zip", ".tar", ".gz", ".tgz", ".7z", ".bz2"), "unpack the archive"),
     **dict.fromkeys(
-        (".mp4", ".avi", ".mov"), "save the colour images of a video next to depth images"
+        (".mp4", ".avi", ".mov"),
+        "save a video's images, as by `ffmpeg -i rgb.mp4 -start_number 0 rgb/%06d.png`",
     ),
 }
 WANTED = (

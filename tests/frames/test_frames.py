@@ -285,7 +285,9 @@ def test_intrinsics_of_another_size_are_refused(tmp_path: Path, save: Save) -> N
     other = Intrinsics(120.0, 120.0, 64.0, 48.0, 128, 96)
     assert "128x96" in only_error(tmp_path, FrameOptions(CameraFile.of(other)))
     unsized = CameraFile(120.0, 120.0, 64.0, 48.0)
-    assert "principal point" in only_error(tmp_path, FrameOptions(unsized))
+    error = only_error(tmp_path, FrameOptions(unsized))
+    assert "principal point" in error
+    assert "all four times the ratio of the sizes" in error
 
 
 def test_a_missing_partner_fails_its_frame_alone(flat: Path) -> None:

@@ -20,7 +20,8 @@ from tests.frames.layouts import build
         (["take.svo2"], "ZED recording"),
         (["cloud.zdf"], "save the organised cloud as .pcd"),
         (["frames.tar.gz"], "unpack the archive"),
-        (["frames.h5"], "or as .npz with depth, K and rgb"),
+        (["frames.h5"], "or as .npz with depth, K and image (RGB)"),
+        (["rgb.mp4", "depth/000000.png"], "ffmpeg -i rgb.mp4 -start_number 0 rgb/%06d.png"),
         (["left.png", "my_depth_map.pfm"], "my_depth_map.pfm and left.png are no pair"),
         (["my_depth_map.pfm"], "no colour image goes with my_depth_map.pfm"),
     ],
@@ -101,7 +102,7 @@ def test_images_that_are_no_pair_are_named_with_their_folders(tmp_path: Path) ->
         ("x_depth.raw", "save raw depth as a 16-bit PNG"),
         ("take.r3d", "export colour and depth images from Record3D"),
         ("photo.png", "put x_color.png next to x_depth.png"),
-        ("run.mp4", "save the colour images of a video next to depth images"),
+        ("run.mp4", "save a video's images"),
     ],
 )
 def test_a_file_of_no_frame_is_refused_with_what_would_be_right(

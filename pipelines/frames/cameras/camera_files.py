@@ -87,7 +87,8 @@ class CameraFile:
         low, high = CENTRAL
         if not (low < self.cx / width < high and low < self.cy / height < high):
             found = f"has its principal point at ({self.cx:g}, {self.cy:g}) of a {size} depth image"
-            raise FormatError(self.origin, found, "give the intrinsics of the depth image")
+            scaled = "if the camera is a larger image's, all four times the ratio of the sizes"
+            raise FormatError(self.origin, found, f"give those of the depth image: {scaled}")
         return Intrinsics(self.fx, self.fy, self.cx, self.cy, width, height)
 
     def _advice(self, width: int, height: int) -> str:

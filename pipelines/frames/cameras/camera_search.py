@@ -120,8 +120,8 @@ def _may_be_a_box(path: Path) -> bool:
 
 def where_a_camera_may_be(image: Path) -> str:
     """Return advice for the user on an image without a known camera."""
-    folders = (image.parent, image.parent.parent)
-    return _advice(*((folder, _last_change(folder)) for folder in folders))
+    # The folder of the images, that of rgb/ and depth/, and that of all scenes.
+    return _advice(*((folder, _last_change(folder)) for folder in image.parents[:3]))
 
 
 @lru_cache(maxsize=64)  # all frames of a folder may lack a camera, and each would search all files
@@ -134,7 +134,8 @@ def _advice(*folders: tuple[Path, int]) -> str:
         names = " and ".join(map(str, found[:MOST_NAMED]))
         which = "that of the depth image, or of the colour it is registered to"
         return f"{advice}, or as --intrinsics one of {names}: {which}"
-    others = [path.name for folder, _changed in folders for path in _small_files(folder, NAMED)]
+    near = (folder for folder, _changed in folders[:2])
+    others = [path.name for folder in near for path in _small_files(folder, NAMED)]
     unread = f"; no camera was found in {', '.join(others[:MOST_NAMED])}" if others else ""
     known = "*_camera.json, intrinsics.json, cam_K.txt, ..."
     return f"{advice}, or put a camera file ({known}) next to it{unread}"

@@ -57,6 +57,13 @@ def test_files_one_folder_up_that_hold_no_camera_are_named(tmp_path: Path) -> No
     assert "no camera was found in calibration.toml" in refusal(tmp_path)
 
 
+def test_a_camera_in_the_folder_of_all_scenes_is_named(tmp_path: Path) -> None:
+    scene = tmp_path / "scene_1"
+    build.pair(scene / "rgb" / "0.png", scene / "depth" / "0.png", 0)
+    build.write(tmp_path / "camera.json", NAMED)
+    assert f"--intrinsics {tmp_path / 'camera.json'}, which holds a camera" in refusal(tmp_path)
+
+
 def test_many_frames_without_a_camera_list_their_folder_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -40,6 +40,7 @@ from pipelines.storage.provenance import FileVersion
 
 # Suffixes of files with keys.
 MAPPINGS = (".json", ".intr", ".yml", ".yaml", ".txt", ".csv", ".xml")
+POLYCAM_KEY = "t_00"  # of the pose in a file of Polycam, whose depth is smaller than the colour
 SIXD_INDEX = "info.yml"  # a camera for each image
 FORMS = "fx, fy, cx, cy or a 3x3 matrix (cam_K, K, intrinsic_matrix) is expected"
 # A principal point this near the border means intrinsics of another image size.
@@ -63,6 +64,7 @@ class CameraFile:
     units_per_metre: float | None = None
     origin: str = "--intrinsics"
     distortion: Distortion = NO_DISTORTION
+    is_of_any_size: bool = False  # of images of every size, all of the same view
 
     def __post_init__(self) -> None:
         for name in ("fx", "fy", "cx", "cy"):
@@ -79,8 +81,15 @@ class CameraFile:
         """
         size = f"{width}x{height}"
         if self.width is not None and (self.width, self.height) != (width, height):
+            resized = self._resized(width, height)
+            if resized is not None and self.is_of_any_size:
+                return CameraFile.of(resized, self.origin).at(width, height)
             found = f"describes {self.width}x{self.height} images, but the depth is {size}"
-            raise FormatError(self.origin, found, self._advice(width, height))
+            expected = "give the intrinsics of the depth image"
+            if i := resized:
+                numbers = f"{i.fx:.6g},{i.fy:.6g},{i.cx:.6g},{i.cy:.6g}"
+                expected += f", --intrinsics {numbers} if it is registered to those images"
+            raise FormatError(self.origin, found, expected)
         if self.fx < SHORTEST_LENGTH * width or self.fy < SHORTEST_LENGTH * height:
             found = f"has focal lengths of {self.fx:g} and {self.fy:g} pixels for a {size} image"
             raise FormatError(self.origin, found, "give fx and fy in pixels, not in millimetres")
@@ -91,15 +100,12 @@ class CameraFile:
             raise FormatError(self.origin, found, f"give those of the depth image: {scaled}")
         return Intrinsics(self.fx, self.fy, self.cx, self.cy, width, height)
 
-    def _advice(self, width: int, height: int) -> str:
-        """Return advice to a user whose depth has this size, and this camera another one."""
-        advice = "give the intrinsics of the depth image"
+    def _resized(self, width: int, height: int) -> Intrinsics | None:
+        """Return the intrinsics for the same image at another size; None if its ratio differs."""
         if self.width is None or self.height is None or self.width * height != self.height * width:
-            return advice
+            return None
         own = Intrinsics(self.fx, self.fy, self.cx, self.cy, self.width, self.height)
-        i = own.resized(width, height)
-        numbers = ",".join(f"{number:.6g}" for number in (i.fx, i.fy, i.cx, i.cy))
-        return f"{advice}, --intrinsics {numbers} if it is registered to those images"
+        return own.resized(width, height)
 
     @classmethod
     def of(cls, intrinsics: Intrinsics, origin: str = "--intrinsics") -> "CameraFile":
@@ -232,6 +238,7 @@ def camera_from_mapping(path: Path, content: Any, view: str = "") -> CameraFile:
         facts: dict[str, Any] = stated_size(content)
         facts["units_per_metre"] = units_of(path, content)
         facts["distortion"] = distortion_in(path, content)
+        facts["is_of_any_size"] = POLYCAM_KEY in content
         matrix = stated_matrix(content)
         values = {name: first_stated(content, keys) for name, keys in SYNONYMS.items()}
         if isinstance(matrix, list) and np.size(matrix) == len(values):  # Kalibr's

@@ -1,10 +1,13 @@
 """nerfstudio: `transforms.json` names the colour and depth image of each frame; millimetres.
 
+Both show one view; the depth may be smaller, as of phones.
+
 instant-ngp names the depth `depth_path`, and may leave out the suffix of the colour, `.png`.
 """
 
 import functools
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +76,9 @@ def _read(
     if options.camera is None and camera["camera_model"] not in MODELS:
         found = f"the camera model is {camera['camera_model']!r}"
         raise FormatError(index, found, f"undistort the images; {', '.join(MODELS)} are read")
-    stated = options.camera or camera_from_mapping(index, dict(camera))
+    stated = options.camera or replace(
+        camera_from_mapping(index, dict(camera)), is_of_any_size=True
+    )
     units = units_of(index, camera) if options.needs_units else None
     return read_pair(color, depth, stated, options.depth_units(units))
 

@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 
 from pipelines.errors import FormatError
 from pipelines.frames.frames import find_frames
+from pipelines.geometry.camera import Intrinsics
 from tests.frames.layouts import build
 
 
@@ -30,6 +31,29 @@ def edit(tmp_path: Path) -> Callable[[Callable[[dict[str, Any]], None]], Path]:
 def test_a_frames_own_camera_wins(edit) -> None:
     folder = edit(lambda content: content["frames"][1].update(fl_x=70.0))
     assert [s.read().intrinsics.fx for s in find_frames(folder)] == [60.0, 70.0]
+
+
+def test_depth_smaller_than_the_colour_has_the_resized_camera(edit) -> None:
+    folder = edit(lambda _content: None)
+    expected = Intrinsics(*build.FOUR, build.WIDTH, build.HEIGHT).resized(24, 18)
+    build.image(folder / "depths/1.png", build.depth(1)[::2, ::2])
+    assert find_frames(folder)[1].read().intrinsics == expected
+    build.image(folder / "depths/1.png", build.depth(1)[::3, ::2])
+    with pytest.raises(FormatError, match="describes 48x36 images, but the depth is 24x12"):
+        find_frames(folder)[1].read()
+
+
+def test_depth_of_polycam_is_smaller_than_its_camera(tmp_path: Path) -> None:
+    build.pair(tmp_path / "images/7.jpg", tmp_path / "depth/7.png", 0)
+    build.image(tmp_path / "depth/7.png", build.depth(0)[::2, ::2])
+    numbers = dict(zip(("fx", "fy", "cx", "cy"), build.FOUR, strict=True))
+    size = {"width": build.WIDTH, "height": build.HEIGHT}
+    (tmp_path / "cameras").mkdir()
+    build.write(tmp_path / "cameras/7.json", numbers | size | {"t_00": 1.0})
+    assert find_frames(tmp_path)[0].read().intrinsics.fx == build.FOUR[0] / 2
+    build.write(tmp_path / "cameras/7.json", numbers | size)
+    with pytest.raises(FormatError, match=r"--intrinsics 30,30\.5,11\.5,8\.5 if it is registered"):
+        find_frames(tmp_path)[0].read()
 
 
 def test_panoramas_are_refused(edit) -> None:

@@ -87,17 +87,18 @@ def check_limits(config: LimitsConfig) -> None:
     check_settings(config)
     given, box = list(config.box), np.asarray(config.box, np.float64)
     if len(box) and not (len(box) == 6 and np.isfinite(box).all() and (box[:3] < box[3:]).all()):
-        expected = "x0,y0,z0,x1,y1,z1 in metres, each first below its last"
+        expected = "x0,y0,z0,x1,y1,z1 in metres, each first below its last (setting limits.box)"
         raise ValueRangeError("--workspace", given, expected)
     if len(box) and np.abs(box).max() > FARTHEST:
-        expected = f"within {FARTHEST:g} m; divide millimetres by 1000"
+        expected = f"within {FARTHEST:g} m; divide millimetres by 1000 (setting limits.box)"
         raise ValueRangeError("--workspace", given, expected)
     direction = np.asarray(config.approach_direction, np.float64)
     if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
         given = list(config.approach_direction)
-        raise ValueRangeError("--approach-direction", given, "x,y,z, not all zero")
+        expected = "x,y,z, not all zero (setting limits.approach_direction)"
+        raise ValueRangeError("--approach-direction", given, expected)
     if not 0.0 < config.approach_cone <= ANY_DIRECTION:
-        expected = "degrees from its axis, above 0, at most 180"
+        expected = "degrees from its axis, above 0, at most 180 (setting limits.approach_cone)"
         raise ValueRangeError("--approach-cone", config.approach_cone, expected)
 
 

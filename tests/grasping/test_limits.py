@@ -101,7 +101,7 @@ def test_the_tables_frame_needs_a_table(settings):
     ],
 )
 def test_impossible_limits_are_refused(settings):
-    with pytest.raises(ValueRangeError):
+    with pytest.raises(ValueRangeError, match=next(iter(settings))):
         check_limits(LimitsConfig(**settings))
 
 

@@ -195,6 +195,8 @@ PRINCETON = Pairing(
     flat_pairs,
     (*PRINCETON_CAMERAS, *(f"../{name}" for name in PRINCETON_CAMERAS)),
 )
+REPLICA_CAMERAS = ("../../cam_params.json", "../cam_params.json")
+REPLICA = Pairing("Replica", REPLICA_CAMERAS, flat_pairs, REPLICA_CAMERAS)
 GQCNN = Pairing("gqcnn", ("*.intr",), flat_pairs)
 FLAT = Pairing("flat pairs", ("*",), flat_pairs)
 SISTERS = Pairing("colour and depth folders", ("*",), sister_pairs)

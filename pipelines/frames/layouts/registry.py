@@ -29,6 +29,7 @@ LAYOUTS: tuple[Layout | Pairing, ...] = (
     tum.LAYOUT,
     nerfstudio.LAYOUT,
     paired.FOUNDATION_POSE,
+    paired.REPLICA,
     paired.GQCNN,
     arrays.LAYOUT,
     paired.FLAT,

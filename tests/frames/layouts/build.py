@@ -164,6 +164,15 @@ def nerfstudio(folder: Path) -> None:
     write(folder / "transforms.json", camera | {"frames": frames})
 
 
+def replica(folder: Path) -> None:
+    for i in range(COUNT):
+        names = (f"room0/results/{image}{i:06d}.png" for image in ("frame", "depth"))
+        pair(*(folder / name for name in names), i, 5000)
+    numbers = dict(zip(("fx", "fy", "cx", "cy"), FOUR, strict=True))
+    camera = {"w": WIDTH, "h": HEIGHT, **numbers, "scale": 5000.0}
+    write(folder / "cam_params.json", {"camera": camera})
+
+
 def contact_graspnet(folder: Path) -> None:
     for i in range(COUNT):
         metres = depth(i).astype(np.float32) / 1000
@@ -240,6 +249,7 @@ LAYOUTS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "foundation_pose": ("FoundationPose", foundation_pose),
     "scannet": ("ScanNet", scannet),
     "princeton": ("7-Scenes / Princeton", princeton),
+    "replica": ("Replica", replica),
     "gqcnn": ("gqcnn", gqcnn),
     "tum": ("TUM RGB-D", tum),
     "nerfstudio": ("nerfstudio", nerfstudio),

@@ -40,6 +40,7 @@ log = logging.getLogger(__name__)
 CANDIDATE_UNITS = (1000.0, 10000.0, 5000.0, 1.0)  # mm; 0.1 mm; TUM; metres
 CENTIMETRES = 100.0  # of some renderers
 NEAREST_SHARE = 0.3  # far background must not hide a table near the camera
+GREY = 128
 SAMPLE = 20_000  # pixels are enough for a median
 LIKELY_DEPTH = (0.15, 4.0)  # m, of the median of the nearest share
 CLOSEST_DEPTH = 0.05  # m, of the same; a RealSense D405 on a wrist measures from 0.07
@@ -129,7 +130,7 @@ def read_pair(
 
 
 def make_frame(
-    color: tuple[Path, Callable[[], NDArray[np.uint8]]],
+    color: tuple[Path, Callable[[], NDArray[np.uint8]] | None],
     depth: tuple[Path, NDArray[Any]],
     camera: CameraFile | None,
     units: DepthUnits,
@@ -140,7 +141,8 @@ def make_frame(
     The frame has no name yet. The depth is checked first: its faults matter most.
 
     Args:
-        color: the file, and a function that reads (H, W, 3) RGB; resampled to the depth's size.
+        color: the file, and a function that reads (H, W, 3) RGB, None for grey; resampled to the
+            depth's size.
         depth: the file, and the numbers in it.
         camera: camera of the depth; None if it is unknown, which is an error.
         units: see `read_depth`.
@@ -156,8 +158,11 @@ def make_frame(
         found = "no intrinsics are known for this frame"
         raise FormatError(color[0], found, where_a_camera_may_be(color[0]))
     intrinsics = camera.at(width, height)
-    path = color[0]
-    image, turned = turned_like_depth(path, color[1](), height, width)
+    path, read = color
+    if read is None:
+        notes += ("has no colour; grey is taken",)
+    stored = np.full((height, width, 3), GREY, np.uint8) if read is None else read()
+    image, turned = turned_like_depth(path, stored, height, width)
     fitted = fit_color(path, image, width, height)
     if fitted is not image:
         notes += (f"colour of {image.shape[1]}x{image.shape[0]} is resampled to the depth",)

@@ -15,18 +15,7 @@ from pipelines.frames.rgbd_folder import (
 )
 from pipelines.storage.files import is_file
 
-UNREAD_IMAGE_SUFFIXES = (
-    ".jpg",
-    ".jpeg",
-    ".bmp",
-    ".webp",
-    ".ppm",
-    ".pgm",
-    ".gif",
-    ".heic",
-    ".raw",
-    ".npy",
-)
+IMAGE_SUFFIXES = sorted({".gif", ".heic", ".raw", *COLOR_SUFFIXES, *DEPTH_SUFFIXES})
 MOST_FILES = 5000
 MOST_KINDS = 6
 SAVE_ARRAYS = "save each frame as PNG files, or as .npz with depth, K and image (RGB)"
@@ -109,8 +98,7 @@ def unread_partner(image: Path, missing: str) -> tuple[str, str] | None:
     places = [image.parent / f"{head}{each}{tail}" for each in words if word]
     if (beside := sister(image.parent.parent, folders)) is not None and not word:
         places.append(beside / image.stem)
-    suffixes = sorted({*UNREAD_IMAGE_SUFFIXES, *read})
-    named = (Path(f"{place}{suffix}") for place in places for suffix in suffixes)
+    named = (Path(f"{place}{suffix}") for place in places for suffix in IMAGE_SUFFIXES)
     other = next((path for path in named if os.path.lexists(path)), None)
     if other is None:
         return None

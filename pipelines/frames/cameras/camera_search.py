@@ -13,26 +13,11 @@ from pipelines.storage.files import read_text
 
 # Names that are searched next to the images, in this order; after them any *.intr.
 SHARED_CAMERA_FILES = (
-    "camera.json",
-    "camera_params.json",
-    "camera_intrinsics.json",
-    "camera_intrinsic.json",
-    "camera_data.json",
-    "intrinsics.json",
-    "intrinsic.json",
-    "cam_info.json",
-    "camera_info.json",
-    "camera_info.yaml",
-    "meta.yml",
-    "cam_K.txt",
-    "camera-intrinsics.txt",
-    "test-camera-intrinsics.txt",
-    "camera_intrinsics.txt",
-    "intrinsics.txt",
-    "intrinsic/intrinsic_depth.txt",
-    "camK.npy",
-    "meta.mat",
-    "transforms.json",
+    *("camera.json", "camera_params.json", "camera_intrinsics.json", "camera_intrinsic.json"),
+    *("camera_data.json", "intrinsics.json", "intrinsic.json", "cam_info.json", "camera_info.json"),
+    *("camera_info.yaml", "meta.yml", "cam_K.txt", "camera-intrinsics.txt"),
+    *("test-camera-intrinsics.txt", "camera_intrinsics.txt", "intrinsics.txt"),
+    *("intrinsic/intrinsic_depth.txt", "camK.npy", "meta.mat", "transforms.json"),
     "scene_camera.json",
 )
 # Endings of a frame's own camera file, which is searched first.

@@ -3,26 +3,8 @@
 import re
 from typing import Any
 
-WIDTH_KEYS = (
-    "width",
-    "img_width",
-    "image_width",
-    "image_Width",
-    "_width",
-    "w",
-    "xres",
-    "resolution x",
-)
-HEIGHT_KEYS = (
-    "height",
-    "img_height",
-    "image_height",
-    "image_Height",
-    "_height",
-    "h",
-    "yres",
-    "resolution y",
-)
+WIDTH_KEYS = ("width", "img_width", "image_width", "_width", "w", "xres", "resolution x")
+HEIGHT_KEYS = ("height", "img_height", "image_height", "_height", "h", "yres", "resolution y")
 
 
 def first_stated(content: dict[str, Any], keys: tuple[str, ...]) -> Any:  # noqa: ANN401 - JSON

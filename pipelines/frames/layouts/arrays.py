@@ -36,7 +36,6 @@ CAMERA_KEYS = (
     *("intrinsics", "intrinsic", "camera_matrix"),
 )
 CLOUD_KEYS = ("xyz", "xyz_color")
-GREY = 128
 MOST_NUMBERS = 16  # of a camera's array: a 4x4 matrix; a lens has 14
 OBJECT_SCALE = "scale"  # in these files not the scale of the depth
 HEADER_BYTES = 256  # of a .npy; its type is in the first hundred
@@ -98,18 +97,13 @@ def frame_of_arrays(path: Path, arrays: dict[str, NDArray[Any]], options: FrameO
     if "depth" not in arrays:
         kind = "a point cloud" if set(CLOUD_KEYS) & set(arrays) else f"{sorted(arrays)}"
         raise FormatError(path, f"holds {kind} without a depth image", "add the array `depth`")
-    notes: tuple[str, ...] = ()
     depth = arrays[next((key for key in arrays if ALIGNED_DEPTH.fullmatch(key)), "depth")]
     key = next((key for key in ("rgb", "image") if key in arrays), None)
-    if key is None:
-        notes = ("has no colour (rgb or image); grey is taken",)
-        color = np.full((*depth.shape[:2], 3), GREY, np.uint8)
-    else:
-        color = _color(path, key, arrays[key])
+    color = None if key is None else functools.partial(_color, path, key, arrays[key])
     facts = _facts(arrays)
     camera = options.camera or _camera(path, facts)
     units = options.depth_units(units_of(path, facts) if options.needs_units else None)
-    return make_frame((path, lambda: color), (path, depth), camera, units, notes)
+    return make_frame((path, color), (path, depth), camera, units)
 
 
 def _read(path: Path, options: FrameOptions) -> Frame:

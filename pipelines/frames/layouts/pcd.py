@@ -23,7 +23,6 @@ from pipelines.frames.layouts.layout import FoundFrame, Layout
 from pipelines.frames.rgbd import Frame, make_frame
 from pipelines.frames.rgbd_folder import FrameOptions
 
-GREY = 128
 LARGEST_MISFIT = 0.5  # pixels between a point's projection and its place in the grid
 FEWEST_POINTS = 100
 STEEPEST = 100.0  # slope of a ray: beyond, no camera sees
@@ -103,16 +102,11 @@ def _read(path: Path, options: FrameOptions) -> Frame:
         raise FormatError(path, found, "an organised cloud (HEIGHT above 1) is expected")
     with np.errstate(over="ignore", invalid="ignore"):
         points = np.stack([fields[axis].astype(np.float64) for axis in "xyz"], axis=2)
-    notes: tuple[str, ...] = ()
     packed = next((fields[key] for key in ("rgb", "rgba") if key in fields), None)
-    if packed is None:
-        notes = ("has no colour (rgb or rgba); grey is taken",)
-        color = np.full(points.shape, GREY, np.uint8)
-    else:
-        color = _unpacked(path, packed)
+    color = None if packed is None else functools.partial(_unpacked, path, packed)
     camera = options.camera or fit_camera(path, points)
     depth = (path, points[:, :, 2].astype(np.float32))
-    return make_frame((path, lambda: color), depth, camera, options.depth_units(), notes)
+    return make_frame((path, color), depth, camera, options.depth_units())
 
 
 def _unpacked(path: Path, packed: NDArray[Any]) -> NDArray[np.uint8]:

@@ -28,8 +28,8 @@ def with_camera(content: dict[str, Any], view: str = "") -> dict[str, Any]:
     """Return `content` with the only mapping below it that holds a camera, if it holds none itself.
 
     Examples are `{"cam0": {...}}` of Kalibr, and `{"intrinsics": {"fx": ...}}`. Of several such
-    mappings, the one named after the `view` counts (see `view_of`). The keys of ORB-SLAM, such as
-    `Camera.fx`, count without their first part.
+    mappings that differ, the one named after the `view` counts (see `view_of`). The keys of
+    ORB-SLAM, such as `Camera.fx`, count without their first part.
     """
     content = _in_usual_keys(content)
     if states_a_camera(content):
@@ -41,7 +41,7 @@ def with_camera(content: dict[str, Any], view: str = "") -> dict[str, Any]:
     }
     if len(below) > 1 and view:
         below = [key for key in below if names_view(key, view)]
-    if len(below) != 1:
+    if not below or any(content[each] != content[below[0]] for each in below):
         return content
     return {**content, **units, **_in_usual_keys(content[below[0]])}
 

@@ -214,10 +214,15 @@ def test_the_camera_of_isaac_sim_is_that_of_its_lens(tmp_path: Path) -> None:
 
 
 def test_a_file_of_several_cameras_is_described_as_such(bare: Path) -> None:
-    content = {"color": NAMED, "depth": NAMED, "serial": 7}
+    content = {"color": NAMED, "depth": NAMED | {"fx": 70.0}, "serial": 7}
     (bare / "intrinsics.json").write_text(json.dumps(content))
     with pytest.raises(FormatError, match=r"holds the cameras color, depth; give that"):
         find_frames(bare)[0].read()
+
+
+def test_two_equal_cameras_in_one_file_are_one(bare: Path) -> None:
+    build.write(bare / "camera.json", {"color": NAMED, "depth": NAMED})
+    assert find_frames(bare)[0].read().intrinsics.fx == build.FOUR[0]
 
 
 @pytest.mark.parametrize("suffix", [".json", ".xml", ".txt"])

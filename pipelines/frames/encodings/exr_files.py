@@ -1,8 +1,10 @@
 """Depth in OpenEXR files: half and float, one channel or several equal channels."""
 
 import sys
-from contextlib import redirect_stdout
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,8 @@ from pipelines.errors import FormatError
 from pipelines.storage.files import existing
 
 MAX_CHANNELS = 16  # of an image, which may have colours and normals in addition to depth
+# All threads have one stdout: if two redirected it at once, it could stay redirected.
+_redirecting = Lock()
 
 
 def read_exr(path: Path) -> NDArray[Any]:
@@ -39,7 +43,7 @@ def read_exr(path: Path) -> NDArray[Any]:
         if count > MAX_CHANNELS:
             raise FormatError(path, f"has {count} channels", f"at most {MAX_CHANNELS} are read")
         # Of damaged pixels it prints a warning, and has no part; stdout is for reports alone.
-        with redirect_stdout(sys.stderr), OpenEXR.File(str(path), separate_channels=True) as file:
+        with _printing_to_stderr(), OpenEXR.File(str(path), separate_channels=True) as file:
             if not file.parts:
                 raise ValueError("its pixels are damaged or cut off")
             channels = {name: np.array(each.pixels) for name, each in file.channels().items()}
@@ -50,6 +54,12 @@ def read_exr(path: Path) -> NDArray[Any]:
         expected = "one channel of all pixels is expected"
         raise FormatError(path, f"has the channels {sorted(channels)}", expected)
     return _depth_of(channels)
+
+
+@contextmanager
+def _printing_to_stderr() -> Iterator[None]:
+    with _redirecting, redirect_stdout(sys.stderr):
+        yield
 
 
 def _depth_of(channels: dict[str, NDArray[Any]]) -> NDArray[Any]:

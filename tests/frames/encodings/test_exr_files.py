@@ -1,5 +1,8 @@
 """OpenEXR depth: half and float, one channel or three, damaged files."""
 
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -102,3 +105,20 @@ def test_the_shared_transparent_frame_is_read(shared: Path) -> None:
     near, far = np.percentile(frame.depth[frame.depth > 0], (1, 99))
     assert (frame.depth.shape, frame.intrinsics.fx) == ((720, 1280), 921.0)
     assert 0.4 < near < far < 1.3
+
+
+def test_stdout_is_as_before_after_images_read_by_several_threads(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before, path = sys.stdout, write(tmp_path / "depth.exr", Z=METRES)
+    monkeypatch.setattr(sys, "stdout", before)
+    rng, real = np.random.default_rng(0), OpenEXR.File
+
+    def slow(*args: object, **options: object) -> OpenEXR.File:
+        time.sleep(rng.uniform(0.0, 0.003))  # so that the threads overlap
+        return real(*args, **options)
+
+    monkeypatch.setattr(OpenEXR, "File", slow)
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(read_exr, [path] * 64))
+    assert sys.stdout is before

@@ -24,7 +24,7 @@ from pipelines.frames.image_names import (
 from pipelines.frames.rgbd import DepthUnits
 
 COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm")
-DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".exr", ".pgm")
+DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".exr", ".pgm", ".pfm")
 COLOR_FOLDERS = ("rgb", "color", "image", "images", "gray", "colors", "rgbs", "left")
 DEPTH_FOLDERS = ("depth", "depths", "distance_to_image_plane")
 # Rests of the names of arrays that hold facts about the images, such as depth_scale.npy.

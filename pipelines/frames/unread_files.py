@@ -15,7 +15,8 @@ from pipelines.frames.rgbd_folder import (
 )
 from pipelines.storage.files import is_file
 
-IMAGE_SUFFIXES = sorted({".gif", ".heic", ".raw", *COLOR_SUFFIXES, *DEPTH_SUFFIXES})
+UNREAD_SUFFIXES = (".bin", ".csv", ".gif", ".hdr", ".heic", ".jp2", ".mat", ".pkl", ".raw", ".txt")
+IMAGE_SUFFIXES = (*DEPTH_SUFFIXES, *COLOR_SUFFIXES, *UNREAD_SUFFIXES)
 MOST_FILES = 5000
 MOST_KINDS = 6
 SAVE_ARRAYS = "save each frame as PNG files, or as .npz with depth, K and image (RGB)"
@@ -88,7 +89,7 @@ def unread_partner(image: Path, missing: str) -> tuple[str, str] | None:
     And what would be right, if it is not the file's name. None without such a file.
     """
     words, folders, read, kinds = (
-        (("depth",), DEPTH_FOLDERS, DEPTH_SUFFIXES, "a 16-bit PNG, TIFF or PGM, .npy, .npz or .exr")
+        (("depth",), DEPTH_FOLDERS, DEPTH_SUFFIXES, "a 16-bit PNG, TIFF or PGM, .npy, .exr or .pfm")
         if missing == "depth"
         else (WORDS_OF_COLOR, COLOR_FOLDERS, COLOR_SUFFIXES, "PNG, JPEG, BMP, TIFF, WebP or PPM")
     )

@@ -27,7 +27,7 @@ MOST_TAGS = 4096
 WEBP_SIDE = 2**14 - 1  # bits of a side in WebP's pictures
 COMMENTS = rb"(?:\s|#[^\n]*\n)+"
 LONGEST_HEAD = 2**12
-NETPBM_HEAD = re.compile(rb"P[56]" + COMMENTS + rb"(\d{1,9})" + COMMENTS + rb"(\d{1,9})\s")
+NETPBM_HEAD = re.compile(rb"P[56Ff]" + COMMENTS + rb"(\d{1,9})" + COMMENTS + rb"(\d{1,9})\s")
 EXR_WINDOW = b"dataWindow\0box2i\0"
 
 
@@ -122,7 +122,7 @@ def encode_image(image: NDArray[Any], suffix: str, jpeg_quality: int = 95) -> by
 
 
 def pixels_of(data: bytes) -> int | None:
-    """Return the number of pixels that a PNG, JPEG, TIFF, BMP, WebP, PGM, PPM or EXR announces.
+    """Return the number of pixels that a PNG, JPEG, TIFF, BMP, WebP, netpbm or EXR announces.
 
     None if the header is cut off, or of another format.
     """

@@ -460,3 +460,11 @@ def test_of_two_folders_with_the_word_none_is_taken(tmp_path: Path, save: Save) 
     (tmp_path / "depth_colored").mkdir()
     with pytest.raises(SymgraspError, match="no pair by their names"):
         find_frames(tmp_path)
+
+
+def test_a_portable_float_map_is_depth_with_its_last_row_first(tmp_path: Path, save: Save) -> None:
+    save(tmp_path / "x_color.png", None, tmp_path / "camera.json")
+    metres = np.random.default_rng(0).uniform(0.5, 0.9, (HEIGHT, WIDTH)).astype("<f4")
+    head = f"Pf\n{WIDTH} {HEIGHT}\n-1.0\n".encode()
+    (tmp_path / "x_depth.pfm").write_bytes(head + metres[::-1].tobytes())
+    assert_array_equal(find_frames(tmp_path)[0].read().depth, metres)

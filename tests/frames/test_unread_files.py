@@ -22,8 +22,8 @@ from tests.frames.layouts import build
         (["frames.tar.gz"], "unpack the archive"),
         (["frames.h5"], "or as .npz with depth, K and image (RGB)"),
         (["rgb.mp4", "depth/000000.png"], "ffmpeg -i rgb.mp4 -start_number 0 rgb/%06d.png"),
-        (["left.png", "my_depth_map.pfm"], "my_depth_map.pfm and left.png are no pair"),
-        (["my_depth_map.pfm"], "no colour image goes with my_depth_map.pfm"),
+        (["left.png", "my_depth_map.dpt"], "my_depth_map.dpt and left.png are no pair"),
+        (["my_depth_map.dpt"], "no colour image goes with my_depth_map.dpt"),
     ],
 )
 def test_the_files_of_the_folder_and_the_missing_ones_are_named(
@@ -43,6 +43,7 @@ def test_the_files_of_the_folder_and_the_missing_ones_are_named(
     [
         ("x_depth.png", "x_color.heic", "no colour image next to it but x_color.heic"),
         ("X_Depth.png", "X_rgb.npy", "no colour image next to it but X_rgb.npy"),
+        ("x_color.png", "x_depth.csv", "no depth image next to it but x_depth.csv"),
         ("depth/7.png", "color/7.gif", "no colour image next to it but 7.gif"),
     ],
 )

@@ -71,6 +71,8 @@ def _plain_arrays(path: Path, suffix: str) -> Iterator[None]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
             yield
+    except PermissionError:  # no damage
+        raise
     except DAMAGED as error:
         found = f"this is not a whole {suffix} file of numbers"
         if "pickle" not in str(error):  # numpy then advises to unpickle the file

@@ -62,3 +62,15 @@ def test_an_array_that_announces_more_than_its_file_is_refused(tmp_path, kind):
         np.lib.format.write_array_header_1_0(stream, content)
     with pytest.raises(FormatError, match="announces an array of shape"):
         read_npy(tmp_path / "x.npy")
+
+
+@pytest.mark.parametrize("read", [read_npy, read_npz])
+def test_a_file_that_may_not_be_read_is_not_called_damaged(tmp_path, monkeypatch, read):
+    def refuse(*_arguments, **_options):
+        raise PermissionError(13, "Permission denied", "a.npz")
+
+    write_npz(tmp_path / "a.npz", x=np.arange(3))
+    monkeypatch.setattr("pathlib.Path.open", refuse)
+    monkeypatch.setattr("zipfile.ZipFile", refuse)
+    with pytest.raises(PermissionError):
+        read(tmp_path / "a.npz")

@@ -50,9 +50,9 @@ def why_no_frames(folder: Path) -> str:
     """Return the sentence on a folder in which no layout finds a frame."""
     walk = (Path(top, name) for top, _below, names in os.walk(folder) for name in names)
     files = list(islice((path for path in walk if not path.name.startswith(".")), MOST_FILES))
-    kinds = Counter(path.suffix.lower() or "files without a suffix" for path in files)
+    kinds = Counter(path.suffix.lower() or "without a suffix" for path in files)
     if not kinds:
-        return f"{folder} holds no RGB-D frames; it is empty; {WANTED}"
+        return f"{folder} holds no RGB-D frames; it holds no files, or hidden ones only; {WANTED}"
     common = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common(MOST_KINDS))
     hints = list(
         dict.fromkeys(HINTS[kind] for kind, _count in kinds.most_common() if kind in HINTS)
@@ -64,7 +64,8 @@ def why_no_frames(folder: Path) -> str:
 def why_no_frame(file: Path) -> str:
     """Return the sentence on a path that is no folder, and no file of a frame."""
     if not is_file(file):
-        return f"{file} does not exist; give the folder that holds the frames"
+        found = "is no file or folder" if file.exists() else "does not exist"
+        return f"{file} {found}; give the folder that holds the frames"
     advice = HINTS.get(file.suffix.lower(), WANTED)
     return f"{file} is part of no RGB-D frame; {advice}"
 

@@ -13,7 +13,9 @@ from tests.frames.layouts import build
 @pytest.mark.parametrize(
     ("files", "sentence"),
     [
-        ([], "it is empty"),
+        ([], "it holds no files, or hidden ones only"),
+        ([".a.png"], "it holds no files, or hidden ones only"),
+        (["README"], "its files are 1 without a suffix"),
         (["a.jpg", "b.jpg", "c/d.PNG"], "its files are 2 .jpg, 1 .png; no name has the word depth"),
         (["mesh.obj"], "its files are 1 .obj; no images are among them"),
         (["take.r3d"], "export colour and depth images from Record3D"),
@@ -118,3 +120,8 @@ def test_a_file_of_no_frame_is_refused_with_what_would_be_right(
 def test_a_path_to_nothing_is_refused_as_such(tmp_path: Path) -> None:
     with pytest.raises(SymgraspError, match="nowhere does not exist; give the folder"):
         find_frames(tmp_path / "nowhere")
+
+
+def test_a_device_exists_but_holds_no_frames() -> None:
+    with pytest.raises(SymgraspError, match="/dev/null is no file or folder"):
+        find_frames(Path("/dev/null"))

@@ -23,8 +23,8 @@ from pipelines.frames.rgbd import Frame, as_color, make_frame
 from pipelines.frames.rgbd_folder import FrameOptions
 
 ROS_2_FILES = ("*.db3", "*.mcap")
-# First bytes; other `.db3` files are databases of other programs. Every `.bag` counts as a bag.
-MAGIC = {"*.bag": b"", "*.db3": b"SQLite format 3\0", "*.mcap": b"\x89MCAP"}
+# First bytes; other `.db3` files are databases of other programs. All others count as bags.
+MAGIC = {"*.bag": b"", "*.db3": b"SQLite format 3\0", "*.mcap": b""}
 
 
 def _find(folder: Path, options: FrameOptions) -> Iterator[FoundFrame]:

@@ -172,6 +172,13 @@ def test_bags_without_frames_are_reported_in_one_sentence(
         find_frames(tmp_path)[0].read()
 
 
+@pytest.mark.parametrize("name", ["a.bag", "a.mcap"])
+def test_an_empty_recording_is_a_damaged_bag(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(b"")
+    with pytest.raises(FormatError, match=rf"{name}: this bag is damaged"):
+        find_frames(tmp_path)[0].read()
+
+
 @pytest.mark.parametrize("ros", [1, 2])
 def test_damaged_bags_give_a_sentence_or_frames(tmp_path: Path, ros: int) -> None:
     write_bag(tmp_path / ("a.bag" if ros == 1 else "a"), ros=ros)

@@ -44,10 +44,7 @@ def warn_of_deeper_frames(frames: Path, sources: Sequence[FrameSource]) -> None:
 
 def _holds_frame(folder: Path, names: Container[str]) -> bool:
     """Return whether `folder` holds other frames than clouds of the frames with `names`."""
-    try:
-        found = frames_in(folder, "", NOTHING_STATED)
-    except OSError:  # a folder that may not be read is none of the frames' own
-        return False
+    found = frames_in(folder, "", NOTHING_STATED)
     return holds_frame(
         each for each in found if each.layout != pcd.LAYOUT.name or each.name not in names
     )

@@ -71,17 +71,6 @@ def test_nothing_is_searched_outside_of_the_given_folder(
     assert warnings(frames, caplog) == ""
 
 
-def test_a_deeper_folder_that_may_not_be_read_does_no_harm(
-    flat: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refused(*_arguments: object) -> None:
-        raise PermissionError
-
-    (flat / "lost+found").mkdir()
-    monkeypatch.setattr(deeper_frames, "frames_in", refused)
-    assert warnings(flat, caplog) == ""
-
-
 def test_the_search_for_the_remark_is_bounded(
     flat: Path, save: Save, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

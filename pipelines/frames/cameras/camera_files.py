@@ -4,7 +4,7 @@ Internally the unit of depth is always `units_per_metre`; `stated_units` reads i
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -38,8 +38,7 @@ from pipelines.storage.array_files import read_npy
 from pipelines.storage.files import is_file, read_json
 from pipelines.storage.provenance import FileVersion
 
-# Suffixes of files with keys.
-MAPPINGS = (".json", ".intr", ".yml", ".yaml", ".txt", ".csv", ".xml")
+TEXTS = (".txt", ".csv", ".xml")
 POLYCAM_KEY = "t_00"  # of the pose in a file of Polycam, whose depth is smaller than the colour
 SIXD_INDEX = "info.yml"  # a camera for each image
 FORMS = "fx, fy, cx, cy or a 3x3 matrix (cam_K, K, intrinsic_matrix) is expected"
@@ -158,35 +157,20 @@ def read_camera_file(path: Path, frame: str = "", view: str = "") -> CameraFile:
     Raises:
         FormatError: the file has none of the known forms.
     """
-    match path.suffix.lower():
-        case suffix if suffix in MAPPINGS:
-            return camera_from_mapping(path, _content(path, frame), view)
-        case ".npy":
-            return CameraFile.from_matrix(path, read_npy(path))
-        case ".mat":
-            meta = read_meta(path)
-            units = meta.factor_depth
-            return CameraFile.from_matrix(path, meta.intrinsic_matrix, units_per_metre=units)
-        case _:
-            raise SymgraspError(
-                f"{path} is no camera file; give .json, .yaml, .txt, .csv, .xml, .npy or .mat"
-            )
+    if path.suffix.lower() == ".npy":
+        return CameraFile.from_matrix(path, read_npy(path))
+    return camera_from_mapping(path, _content(path, frame), view)
 
 
 def read_units(path: Path, frame: str = "", view: str = "") -> float | None:
     """Return the unit in a camera file, None if it states none; it need not hold a camera."""
-    match path.suffix.lower():
-        case ".txt" | ".csv" | ".xml":
-            try:
-                content = _content(path, frame)
-            except FormatError:  # of several cameras, or of others than ours: another is stated
-                return None
-        case suffix if suffix in MAPPINGS:
-            content = _content(path, frame)
-        case ".mat":
-            return read_meta(path).factor_depth
-        case _:
-            return None
+    suffix = path.suffix.lower()
+    try:
+        content = None if suffix == ".npy" else _content(path, frame)
+    except FormatError:
+        if suffix not in TEXTS:  # of several cameras, or of others than ours: another is stated
+            raise
+        return None
     return units_of(path, with_camera(content, view)) if isinstance(content, dict) else None
 
 
@@ -203,21 +187,34 @@ def units_of(path: Path, content: Mapping[str, Any]) -> float | None:
 
 def _content(path: Path, frame: str) -> Any:  # noqa: ANN401 - JSON
     """Return the content of a file with keys, or the part of it that is on this frame."""
-    match path.suffix.lower():
-        case ".yml" if path.name == SIXD_INDEX and is_file(path):
-            scene = _scene_cameras(FileVersion.of(path))
-            is_scene = isinstance(scene, dict) and not states_a_camera(with_camera(scene))
-            return _camera_of(path, scene, frame) if is_scene else scene
-        case ".yml" | ".yaml":
-            return read_yaml(path)
-        case ".txt" | ".csv":
-            return read_camera_text(path)
-        case ".xml":
-            return read_camera_xml(path)
+    suffix = path.suffix.lower()
+    if path.name == SIXD_INDEX and is_file(path):
+        scene = _scene_cameras(FileVersion.of(path))
+        is_scene = isinstance(scene, dict) and not states_a_camera(with_camera(scene))
+        return _camera_of(path, scene, frame) if is_scene else scene
+    if suffix in READERS:
+        return READERS[suffix](path)
+    if suffix not in (".json", ".intr"):
+        known = ".json, .yaml, .txt, .csv, .xml, .npy or .mat"
+        raise SymgraspError(f"{path} is no camera file; give {known}")
     if not path.name.startswith("scene_camera"):
         return read_json(path)
     content = _scene_cameras(FileVersion.of(path))
     return _camera_of(path, content, frame) if isinstance(content, dict) else content
+
+
+def _read_mat(path: Path) -> dict[str, Any]:
+    meta = read_meta(path)
+    matrix = meta.intrinsic_matrix.tolist()
+    return {"intrinsic_matrix": matrix, "factor_depth": meta.factor_depth}
+
+
+READERS: dict[str, Callable[[Path], Any]] = {
+    **dict.fromkeys((".yml", ".yaml"), read_yaml),
+    **dict.fromkeys((".txt", ".csv"), read_camera_text),
+    ".xml": read_camera_xml,
+    ".mat": _read_mat,
+}
 
 
 @lru_cache(maxsize=4)  # one file holds the cameras of all images of a scene

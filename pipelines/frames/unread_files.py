@@ -15,8 +15,8 @@ from pipelines.frames.rgbd_folder import (
 )
 from pipelines.storage.files import is_file
 
-UNREAD_SUFFIXES = (".bin", ".csv", ".gif", ".hdr", ".heic", ".jp2", ".mat", ".pkl", ".raw", ".txt")
-IMAGE_SUFFIXES = (*DEPTH_SUFFIXES, *COLOR_SUFFIXES, *UNREAD_SUFFIXES)
+NOT_READ = (".bin", ".csv", ".gif", ".hdr", ".heic", ".jp2", ".mat", ".pkl", ".raw", ".txt")
+IMAGE_SUFFIXES = (*DEPTH_SUFFIXES, *COLOR_SUFFIXES, *NOT_READ)
 MOST_FILES = 5000
 MOST_KINDS = 6
 SAVE_ARRAYS = "save each frame as PNG files, or as .npz with depth, K and image (RGB)"

@@ -19,6 +19,7 @@ from pipelines.configs import (
     TrainConfig,
     TrainCriticConfig,
 )
+from pipelines.ending import set_farewell
 from pipelines.errors import ValueRangeError, counted
 from pipelines.learning.loop.faults import describe_losses, save_fault
 from pipelines.learning.loop.loaders import load_ahead
@@ -272,6 +273,7 @@ class TrainingRun:
     def _save_checkpoint(self) -> None:
         if self.processes.is_first:
             self.files.save_checkpoint(self.progress)
+            set_farewell("--resume continues the training")
 
     def _elapsed(self) -> float:
         return time.monotonic() - self._began

@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from torch import nn
 
+from pipelines import ending
 from pipelines.configs import TrainBaselineConfig, TrainConfig
 from pipelines.errors import FormatError, SymgraspError, ValueRangeError, WriteError
 from pipelines.learning.loop import loop
@@ -278,6 +279,20 @@ def test_a_signal_during_validation_ends_at_once_and_loses_no_step(tmp_path, who
     assert steps == len(Line().epoch(0, generator(0, 0)))
     trained(output, resume=True)
     assert_same(output, whole[Line])
+
+
+def test_a_signal_during_validation_names_the_option_that_continues(tmp_path, monkeypatch, capfd):
+    output, trainee, end = tmp_path / "line.safetensors", Line(), mock.Mock(side_effect=EndedError)
+    trainee.validate = signalled_by(signal.SIGTERM)
+    monkeypatch.setattr(ending, "end", end)
+    monkeypatch.setattr(ending, "_farewell", "the same command continues from here")
+    before = signal.signal(signal.SIGTERM, ending.end_by_signal)
+    try:
+        with pytest.raises(EndedError):
+            trained(output, trainee=trainee)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert "stopped by SIGTERM; --resume continues the training\n" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])

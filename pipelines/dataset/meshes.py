@@ -45,6 +45,7 @@ SMALLEST_DIAGONAL = 0.005  # metres; no gripper holds and no depth camera sees a
 MAX_MESH_BYTES = 2**29
 MAX_TRIANGLES = 4_000_000  # of a file, with repetitions of instances; scans have some 200,000
 MATERIAL_LINE = re.compile(rb"^usemtl\b.*$", re.MULTILINE)
+COMMENT = re.compile(rb"#.*")
 THINNEST_TRIANGLE = 1e-10  # height over longest edge; a thinner triangle has no reliable normal
 
 PLY_HEADER = """ply
@@ -99,7 +100,8 @@ def _read(path: Path, scale: float) -> Mesh:
         raise UnknownNameError("mesh format", path.suffix, MESH_SUFFIXES)
     loaded = _load(existing(path))
     if len(loaded.faces) == 0:
-        raise FormatError(path, "the mesh has no triangles", "give a triangle mesh")
+        found = "the mesh has no triangles, or its file is cut off"
+        raise FormatError(path, found, "give a triangle mesh")
     if not np.isfinite(loaded.vertices).all():
         bad = int((~np.isfinite(loaded.vertices).all(axis=1)).sum())
         found = f"{bad} of {len(loaded.vertices)} vertices are NaN or infinite"
@@ -239,6 +241,8 @@ def _geometry(path: Path) -> Any:  # noqa: ANN401 - a mesh or a cloud of trimesh
     kind = path.suffix.lower().removeprefix(".")
     if kind == "obj":  # trimesh would sort the triangles by their material
         data = MATERIAL_LINE.sub(b"", data)
+    if kind == "off":
+        _refuse_cut_off(path, data)
     scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, process=False, skip_materials=True)
     shown = [scene.graph[name][1] for name in scene.graph.nodes_geometry]
     triangles = sum(len(getattr(scene.geometry[name], "faces", ())) for name in shown)
@@ -252,6 +256,17 @@ def _geometry(path: Path) -> Any:  # noqa: ANN401 - a mesh or a cloud of trimesh
             raise FormatError(path, f"has vertices of shape {shape}", "3 numbers each are expected")
     clouds = [each for each in scene.geometry.values() if isinstance(each, trimesh.PointCloud)]
     return clouds[0] if clouds and not triangles else scene.to_mesh()
+
+
+def _refuse_cut_off(path: Path, data: bytes) -> None:
+    """Raise FormatError if an OFF file announces more lines than it has: trimesh reads the rest."""
+    text = COMMENT.sub(b"", data).partition(b"OFF")[2]
+    lines = [line for line in text.splitlines() if line.strip()]
+    counts = lines[0].split()[:2] if lines else []
+    announced = sum(int(word) for word in counts if word.isdigit())
+    if len(lines) - 1 < announced:
+        found = f"has {len(lines) - 1} of {announced} announced vertices and faces"
+        raise FormatError(path, found, "copy the file again")
 
 
 def _ply_bytes(mesh: Mesh) -> bytes:

@@ -85,6 +85,19 @@ def test_vertices_that_are_not_finite_are_refused(tmp_path: Path) -> None:
         read_mesh(path)
 
 
+@pytest.mark.parametrize("header", ["OFF\n8 12 0\n", "OFF 8 12 0  # counts\n\n# a comment\n"])
+def test_an_off_file_that_is_cut_off_after_any_line_is_refused(tmp_path: Path, header: str) -> None:
+    path, cube = tmp_path / "cube.off", trimesh.creation.box()
+    lines = [" ".join(map(str, corner)) for corner in cube.vertices]
+    lines += [f"3 {a} {b} {c}" for a, b, c in cube.faces]
+    path.write_text(header + "\n".join(lines) + "\n")
+    assert len(read_mesh(path).faces) == 12
+    for kept in range(9, len(lines)):  # the first is without triangles
+        path.write_text(header + "\n".join(lines[:kept]) + "\n")
+        with pytest.raises(FormatError, match=rf"has {kept} of 20 announced vertices and faces"):
+            read_mesh(path)
+
+
 @pytest.mark.parametrize("suffix", [".ply", ".stl", ".glb", ".off"])
 def test_a_damaged_mesh_is_reported_in_one_sentence(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"bad{suffix}"

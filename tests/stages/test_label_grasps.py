@@ -200,7 +200,7 @@ def test_bad_meshes_are_named_and_the_rest_is_done(meshes: Path, tmp_path: Path)
     assert sorted(report.failed) == ["001 empty", "002 large", "003 nan"]
     assert all("\n" not in sentence for sentence in report.failed.values())
     assert "NaN" in report.failed["003 nan"]
-    for word in ("107.7 m", "--mesh-scale 0.001", "--mesh-scale 1"):
+    for word in ("107.7 m", "--mesh-scale 0.001", "and 1 states"):
         assert word in report.failed["002 large"]
     assert report.done == ["000 box", "004 rod", "005 twice"]
     assert "dropped 12 duplicate triangles" in report.notes["005 twice"]

@@ -40,7 +40,8 @@ if __name__ == "__main__":
         sys.exit(refused.read().decode())  # one sentence that names the problem of the frame
     except URLError as error:
         sys.exit(f"no server answers ({error.reason}); `symgrasp serve` says when it is ready")
-    except (OSError, HTTPException) as error:  # a time-out, or the server ended meanwhile
+    except (OSError, HTTPException, ValueError) as error:
+        # A time-out, a server that ended meanwhile, or a camera that is no JSON.
         sys.exit(f"no answer ({error})")
     if not found["grasps"]:
         print(found["message"] or "no grasps")

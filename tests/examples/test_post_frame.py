@@ -58,3 +58,12 @@ def test_a_server_that_ends_meanwhile_is_reported_in_one_sentence(answer, reason
                     connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET)
             assert client.stderr.read() == f"no answer ({reason})\n"
     assert client.returncode == 1
+
+
+def test_a_camera_that_is_no_json_is_reported_in_one_sentence(tmp_path):
+    picture = tmp_path / "color.png"
+    picture.write_bytes(b"\x89PNG")
+    command = [sys.executable, post_frame.__file__, *[str(picture)] * 3]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+    assert done.stderr.startswith("no answer ('utf-8' codec can't decode")

@@ -59,7 +59,7 @@ class GraspDetector:
             gripper: preset (`rg2`, `franka`, `robotiq_2f85`), TOML file or `Gripper`; None for
                 the gripper of `settings`.
             preset: `paper` for the method as printed; `settings` override it.
-            device: `cpu`, `cuda`, `cuda:N`, or `auto`: a GPU if there is one.
+            device: `cpu`, `cuda`, `cuda:N`, `auto` (a GPU if there is one), or a `torch.device`.
             settings: settings of `symgrasp infer` that differ from the defaults, by dotted name, as
                 `{"selection.feasibility.min_width": 0.004}`; or a TOML file as `symgrasp config
                 infer` prints.

@@ -22,7 +22,8 @@ from std_msgs.msg import Float32MultiArray
 from symgrasp import GraspDetector, SymgraspError
 
 DEPTHS = {"16UC1": "u2", "32FC1": "f4"}  # millimetres and metres
-COLORS = {"rgb8": slice(None), "bgr8": slice(None, None, -1)}
+RGB, BGR = slice(3), slice(2, None, -1)  # without a fourth channel
+COLORS = {"rgb8": RGB, "rgba8": RGB, "bgr8": BGR, "bgra8": BGR}
 
 
 def array_of(image: Any) -> NDArray[Any]:
@@ -31,7 +32,7 @@ def array_of(image: Any) -> NDArray[Any]:
     if encoding not in known:
         raise SymgraspError(f"{encoding} images are not read; publish {', '.join(known)}")
     numbers = np.dtype((">" if image.is_bigendian else "<") + DEPTHS.get(encoding, "u1"))
-    channels = 1 if encoding in DEPTHS else 3
+    channels = 1 if encoding in DEPTHS else len(encoding) - 1  # a letter each
     rows = np.frombuffer(image.data, np.uint8).reshape(image.height, image.step)  # may be padded
     pixels = np.ascontiguousarray(rows[:, : image.width * channels * numbers.itemsize])
     if encoding in DEPTHS:

@@ -62,6 +62,8 @@ def camera_info(k=LENS, p=(0.0,) * 4):
     [
         ("rgb8", COLOR),
         ("bgr8", COLOR[:, :, ::-1]),
+        ("rgba8", np.dstack([COLOR, COLOR[:, :, :1]])),
+        ("bgra8", np.dstack([COLOR[:, :, ::-1], COLOR[:, :, :1]])),
     ],
 )
 def test_colour_of_every_order_of_channels_is_read_as_rgb(example, encoding, stored):

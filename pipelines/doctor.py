@@ -15,6 +15,7 @@ from pipelines.configs import DoctorConfig
 from pipelines.health import machine, packages, torch_checks
 from pipelines.health.checks import Check, Status, guarded
 
+STAGE = "doctor"
 NETWORKS = {"torch", "torchvision"}
 
 

@@ -24,6 +24,7 @@ def doctor(config: DoctorConfig) -> None:
     code = stage.exit_code(checks)
     if report_style().as_json:
         rows = [{"name": c.name, "status": c.status, "text": c.text} for c in checks]
-        typer.echo(json.dumps({"ok": code == 0, "checks": rows}, indent=1))
+        report = {"command": stage.STAGE, "ok": code == 0, "checks": rows}
+        typer.echo(json.dumps(report, indent=1))
     if code:
         raise typer.Exit(code)

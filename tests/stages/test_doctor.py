@@ -23,6 +23,7 @@ STALE = f"the manifest of the default weights is not of these weights: run `{MAD
 def test_this_machine_passes_and_every_check_is_listed():
     result = CliRunner().invoke(app, ["doctor", "--json"])
     content = json.loads(result.stdout)
+    assert content["command"] == "doctor"  # as in the reports of all commands
     wrong = [check for check in content["checks"] if check["status"] == "FAIL"]
     assert not wrong, f"{wrong}; if grasps were changed on purpose, run `{MADE_BY}`"
     assert (result.exit_code, content["ok"]) == (0, True)

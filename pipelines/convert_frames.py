@@ -22,9 +22,9 @@ from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.frames.deeper_frames import warn_of_deeper_frames
 from pipelines.frames.depth.depth_checks import MISSING_DEPTH
 from pipelines.frames.frame_inputs import current_digest
+from pipelines.frames.frame_options import NOTHING_STATED, FrameOptions
 from pipelines.frames.frames import find_frames
 from pipelines.frames.rgbd import Frame, FrameSource
-from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.runtime.batch import StageReport
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.array_files import write_npz

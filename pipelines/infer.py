@@ -19,7 +19,7 @@ from pipelines.configs import InferConfig
 from pipelines.dataset.chosen_frames import ALL_FRAMES, ChosenFrames
 from pipelines.errors import StaleOutputError
 from pipelines.frames.deeper_frames import warn_of_deeper_frames
-from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
+from pipelines.frames.frame_options import NOTHING_STATED, FrameOptions
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_stream import read_index, read_results
 from pipelines.inference.runs.earlier_runs import (

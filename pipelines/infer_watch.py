@@ -16,7 +16,7 @@ from dataclasses import replace
 from pipelines.configs import InferConfig, WatchConfig
 from pipelines.dataset.chosen_frames import ALL_FRAMES, ChosenFrames
 from pipelines.errors import SymgraspError
-from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
+from pipelines.frames.frame_options import NOTHING_STATED, FrameOptions
 from pipelines.inference.runs.earlier_runs import refuse_foreign_output
 from pipelines.inference.runs.following import Follower, FrameOutcome
 from pipelines.inference.runs.frame_workers import options_for_frames

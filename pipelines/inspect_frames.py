@@ -19,9 +19,9 @@ from pipelines.configs import InspectConfig
 from pipelines.errors import counted
 from pipelines.frames.deeper_frames import warn_of_deeper_frames
 from pipelines.frames.depth.registration import oddities
+from pipelines.frames.frame_options import NOTHING_STATED, FrameOptions
 from pipelines.frames.frames import find_frames
 from pipelines.frames.rgbd import Frame, FrameSource
-from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.geometry.camera import Intrinsics
 from pipelines.runtime.batch import StageReport
 

@@ -20,9 +20,9 @@ from pipelines.array_types import Mask
 from pipelines.configs import InferConfig, LimitsConfig, WorkspaceConfig
 from pipelines.errors import SymgraspError, ValueRangeError, counted
 from pipelines.frames.frame_inputs import current_digest
+from pipelines.frames.frame_options import NOTHING_STATED, FrameOptions
 from pipelines.frames.frames import find_frames
 from pipelines.frames.rgbd import FrameSource
-from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.grasping.feasibility.workspace_box import WorkspaceBox, suggested_box
 from pipelines.grasping.limits import check_limits
 from pipelines.inference.observation import Observation, observe

@@ -31,7 +31,7 @@ from symgrasp_cli.options import (
 from symgrasp_cli.report import report_style
 
 if TYPE_CHECKING:
-    from pipelines.frames.rgbd_folder import FrameOptions
+    from pipelines.frames.frame_options import FrameOptions
     from pipelines.learning.loop.runs import RunRequest
     from pipelines.runtime.batch import BatchOptions
 
@@ -194,7 +194,7 @@ def frame_options(
 ) -> "FrameOptions":
     """Return camera and depth units that the user gives for all frames, in place of files."""
     from pipelines.frames.cameras.camera_files import parse_camera
-    from pipelines.frames.rgbd_folder import FrameOptions
+    from pipelines.frames.frame_options import FrameOptions
 
     camera = None if intrinsics is None else parse_camera(intrinsics)
     return FrameOptions(camera, depth_units_per_metre)

@@ -12,7 +12,7 @@ from symgrasp_cli.report import conclude, report_style
 from symgrasp_cli.settings import named_as, with_settings
 
 if TYPE_CHECKING:
-    from pipelines.frames.rgbd_folder import FrameOptions
+    from pipelines.frames.frame_options import FrameOptions
 
 OPTION = "--intrinsics"
 

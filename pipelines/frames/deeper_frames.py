@@ -7,10 +7,10 @@ from itertools import islice
 from pathlib import Path
 
 from pipelines.frames.frame_names import last_part
+from pipelines.frames.frame_options import NOTHING_STATED
 from pipelines.frames.layouts import pcd
 from pipelines.frames.layouts.registry import frames_in, holds_frame
 from pipelines.frames.rgbd import FrameSource
-from pipelines.frames.rgbd_folder import NOTHING_STATED
 
 log = logging.getLogger(__name__)
 

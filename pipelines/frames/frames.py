@@ -8,11 +8,11 @@ from functools import partial
 from pathlib import Path
 
 from pipelines.errors import SymgraspError
+from pipelines.frames.frame_options import NOTHING_STATED, FrameOptions
 from pipelines.frames.graspnet_scene import CAMERAS
 from pipelines.frames.layouts.registry import frames_in, holds_frame, pickled_in
+from pipelines.frames.pairing.unread_files import why_no_frame, why_no_frames
 from pipelines.frames.rgbd import FrameSource
-from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
-from pipelines.frames.unread_files import why_no_frame, why_no_frames
 from pipelines.storage.files import is_file, real_path
 from pipelines.storage.unfinished import refuse_unfinished
 

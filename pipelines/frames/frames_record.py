@@ -10,9 +10,9 @@ from pipelines.contents import json_object, reading
 from pipelines.errors import FormatError
 from pipelines.frames.cameras.camera_files import CameraFile
 from pipelines.frames.cameras.lens import Distortion
+from pipelines.frames.frame_options import NOTHING_STATED, FrameOptions
 from pipelines.frames.frames import find_frames
 from pipelines.frames.rgbd import FrameSource
-from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.storage.files import real_path
 
 

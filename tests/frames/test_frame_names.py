@@ -11,8 +11,8 @@ from numpy.testing import assert_array_equal
 
 from pipelines.convert_frames import write_flat_pair
 from pipelines.frames.frames import find_frames
+from pipelines.frames.pairing.image_pairs import flat_pairs
 from pipelines.frames.rgbd import Frame
-from pipelines.frames.rgbd_folder import flat_pairs
 from pipelines.geometry.camera import Intrinsics
 from tests.frames.layouts import build
 

@@ -16,8 +16,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.cameras.camera_files import CameraFile
+from pipelines.frames.frame_options import FrameOptions
 from pipelines.frames.frames import find_frames
-from pipelines.frames.rgbd_folder import FrameOptions
 from pipelines.geometry.camera import Intrinsics
 
 WIDTH, HEIGHT = 64, 48

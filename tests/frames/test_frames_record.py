@@ -7,8 +7,8 @@ import pytest
 
 from pipelines.errors import FormatError
 from pipelines.frames.cameras.camera_files import CameraFile
+from pipelines.frames.frame_options import FrameOptions
 from pipelines.frames.frames_record import FramesRecord
-from pipelines.frames.rgbd_folder import FrameOptions
 from pipelines.storage.provenance import Stamp, make_stamp
 
 

@@ -15,8 +15,8 @@ from pipelines import convert_frames
 from pipelines.configs import ConvertFramesConfig
 from pipelines.errors import StaleOutputError, SymgraspError, ValueRangeError
 from pipelines.frames.cameras.camera_files import CameraFile
+from pipelines.frames.frame_options import FrameOptions
 from pipelines.frames.frames import find_frames
-from pipelines.frames.rgbd_folder import FrameOptions
 from pipelines.storage.provenance import make_stamp, write_sidecar
 from symgrasp_cli.app import app
 from tests.frames.layouts import build

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 from pipelines import workspace
 from pipelines.configs import InferConfig, LimitsConfig, WorkspaceConfig
 from pipelines.errors import StaleOutputError, SymgraspError
+from pipelines.frames.frame_options import FrameOptions
 from pipelines.frames.frames import find_frames
-from pipelines.frames.rgbd_folder import FrameOptions
 from pipelines.frames.workspace_files import parse_workspace
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.inference.frame_grasps import Planner

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pipelines.errors import SymgraspError
 from pipelines.frames.cameras.camera_files import CameraFile, may_hold_camera, read_camera_file
-from pipelines.frames.image_names import names_view
+from pipelines.frames.pairing.image_names import names_view
 from pipelines.storage.files import read_text
 
 # Names that are searched next to the images, in this order; after them any *.intr.

@@ -4,7 +4,7 @@ from typing import Any
 
 from pipelines.frames.cameras.stated_sizes import first_stated
 from pipelines.frames.depth.stated_units import DEPTH_KEYS
-from pipelines.frames.image_names import names_view
+from pipelines.frames.pairing.image_names import names_view
 
 SYNONYMS = {
     "fx": ("fx", "_fx", "fl_x"),

@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.cameras.camera_files import CameraFile, camera_from_mapping, units_of
 from pipelines.frames.encodings.plain_pickle import read_plain_pickle
-from pipelines.frames.image_names import ALIGNED_DEPTH
+from pipelines.frames.frame_options import FrameOptions
 from pipelines.frames.layouts.layout import FoundFrame, Layout
+from pipelines.frames.pairing.image_names import ALIGNED_DEPTH
 from pipelines.frames.rgbd import Frame, make_frame
-from pipelines.frames.rgbd_folder import FrameOptions
 from pipelines.storage.array_files import DAMAGED, read_npz
 from pipelines.storage.files import existing
 

@@ -10,9 +10,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from pipelines.frames.cameras.camera_files import SIXD_INDEX
+from pipelines.frames.frame_options import FrameOptions
 from pipelines.frames.layouts.layout import FoundFrame, Layout
 from pipelines.frames.layouts.paired import holds_text, read_paired
-from pipelines.frames.rgbd_folder import FrameOptions, sister_pairs
+from pipelines.frames.pairing.image_pairs import sister_pairs
 
 INDEX = "scene_camera"
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipelines.errors import printable
+from pipelines.frames.frame_options import FrameOptions
 from pipelines.frames.rgbd import Frame
-from pipelines.frames.rgbd_folder import FrameOptions
 from pipelines.storage.files import real_path
 
 

@@ -15,9 +15,9 @@ from pipelines.errors import FormatError
 from pipelines.frames.cameras.camera_files import camera_from_mapping, units_of
 from pipelines.frames.cameras.stated_sizes import first_stated
 from pipelines.frames.depth.stated_units import DEPTH_KEYS
+from pipelines.frames.frame_options import FrameOptions
 from pipelines.frames.layouts.layout import FoundFrame, Layout
 from pipelines.frames.rgbd import Frame, read_pair
-from pipelines.frames.rgbd_folder import FrameOptions
 from pipelines.storage.files import is_file, read_json
 
 INDEX = "transforms.json"

@@ -13,16 +13,12 @@ from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.cameras.camera_files import read_camera_file, read_units
 from pipelines.frames.cameras.camera_search import own_camera_file, shared_camera_file
 from pipelines.frames.depth.scale_files import read_scale, scale_file
-from pipelines.frames.image_names import view_of
+from pipelines.frames.frame_options import FrameOptions
 from pipelines.frames.layouts.layout import FoundFrame
+from pipelines.frames.pairing.image_names import view_of
+from pipelines.frames.pairing.image_pairs import ImagePair, flat_pairs, sister_pairs
+from pipelines.frames.pairing.unread_files import unread_partner
 from pipelines.frames.rgbd import DepthUnits, Frame, read_pair
-from pipelines.frames.rgbd_folder import (
-    FrameOptions,
-    ImagePair,
-    flat_pairs,
-    sister_pairs,
-)
-from pipelines.frames.unread_files import unread_partner
 from pipelines.storage.files import existing
 
 SAME_CAMERA = 0.5  # pixels by which rounded intrinsics of one camera may differ

@@ -19,9 +19,9 @@ from pipelines.errors import FormatError
 from pipelines.frames.cameras.camera_files import CameraFile
 from pipelines.frames.cameras.lens import BROWN, NO_DISTORTION, Distortion
 from pipelines.frames.encodings.pcd_files import read_pcd
+from pipelines.frames.frame_options import FrameOptions
 from pipelines.frames.layouts.layout import FoundFrame, Layout
 from pipelines.frames.rgbd import Frame, make_frame
-from pipelines.frames.rgbd_folder import FrameOptions
 
 LARGEST_MISFIT = 0.5  # pixels between a point's projection and its place in the grid
 FEWEST_POINTS = 100

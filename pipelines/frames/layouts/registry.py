@@ -11,11 +11,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from pipelines.errors import SymgraspError
+from pipelines.frames.frame_options import FrameOptions
 from pipelines.frames.layouts import arrays, bop, nerfstudio, paired, pcd, rosbag, scannet, tum
 from pipelines.frames.layouts.layout import FoundFrame, Layout, frame_name, refuse
 from pipelines.frames.layouts.paired import Pairing
 from pipelines.frames.rgbd import Frame, FrameSource
-from pipelines.frames.rgbd_folder import FrameOptions
 
 LAYOUTS: tuple[Layout | Pairing, ...] = (
     paired.GRASPNET_SCENE,

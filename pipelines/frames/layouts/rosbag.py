@@ -17,10 +17,10 @@ from pipelines.frames.encodings.ros_bags import (
     read_stamps,
 )
 from pipelines.frames.encodings.ros_topics import Topics
+from pipelines.frames.frame_options import FrameOptions
 from pipelines.frames.layouts.layout import FoundFrame, Layout, refuse
 from pipelines.frames.layouts.tum import associate
 from pipelines.frames.rgbd import Frame, as_color, make_frame
-from pipelines.frames.rgbd_folder import FrameOptions
 
 ROS_2_FILES = ("*.db3", "*.mcap")
 # First bytes; other `.db3` files are databases of other programs. All others count as bags.

@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.frames.cameras.camera_files import CameraFile, read_camera_file
-from pipelines.frames.image_names import view_of
+from pipelines.frames.frame_options import FrameOptions
 from pipelines.frames.layouts.layout import FoundFrame, Layout
 from pipelines.frames.layouts.paired import read_paired
+from pipelines.frames.pairing.image_names import view_of
+from pipelines.frames.pairing.image_pairs import ImagePair, sister_pairs
 from pipelines.frames.rgbd import Frame, make_frame, read_color, stored_depth
-from pipelines.frames.rgbd_folder import FrameOptions, ImagePair, sister_pairs
 from pipelines.geometry.camera import Intrinsics
 
 DEPTH_CAMERA, COLOR_CAMERA = "intrinsic/intrinsic_depth.txt", "intrinsic/intrinsic_color.txt"

@@ -14,9 +14,9 @@ from pipelines.errors import FormatError
 from pipelines.frames.cameras.camera_files import CameraFile
 from pipelines.frames.cameras.camera_search import find_camera_file
 from pipelines.frames.cameras.lens import BROWN, NO_DISTORTION, Distortion
+from pipelines.frames.frame_options import FrameOptions
 from pipelines.frames.layouts.layout import FoundFrame, Layout
 from pipelines.frames.layouts.paired import read_with_camera
-from pipelines.frames.rgbd_folder import FrameOptions
 from pipelines.storage.files import is_file, read_text, real_path
 
 UNITS_PER_METRE = 5000.0

@@ -16,10 +16,10 @@ from pipelines.errors import WriteError
 from pipelines.frames.depth.registration import oddities
 from pipelines.frames.frame_inputs import FRAMES_INPUT, FrameInputs, digest_of_stamps
 from pipelines.frames.frame_names import shared_last_parts
+from pipelines.frames.frame_options import NOTHING_STATED, FrameOptions
 from pipelines.frames.frames import find_frames
 from pipelines.frames.frames_record import FramesRecord
 from pipelines.frames.rgbd import FrameSource
-from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_parts import merge_parts
 from pipelines.grasp_files.grasps_tables import FrameResult

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from pipelines.errors import FormatError
-from pipelines.frames import image_names
 from pipelines.frames.cameras import camera_search
 from pipelines.frames.cameras.camera_files import CameraFile
 from pipelines.frames.cameras.camera_search import MOST_BYTES, MOST_FILES, find_camera_file
+from pipelines.frames.frame_options import FrameOptions
 from pipelines.frames.frames import find_frames
-from pipelines.frames.rgbd_folder import FrameOptions
+from pipelines.frames.pairing import image_names
 from tests.frames.layouts import build
 
 NAMED = {"fx": 60.0, "fy": 61.0, "cx": 23.5, "cy": 17.5}

@@ -13,9 +13,9 @@ from pipelines.frames.depth.depth_checks import (
     depth_oddities,
     has_rotated_bits,
 )
+from pipelines.frames.frame_options import FrameOptions
 from pipelines.frames.frames import find_frames
 from pipelines.frames.rgbd import DepthUnits, read_depth
-from pipelines.frames.rgbd_folder import FrameOptions
 from pipelines.geometry.camera import Intrinsics
 from pipelines.storage.images import write_image
 

@@ -7,8 +7,8 @@ import pytest
 from PIL import Image
 
 from pipelines.frames.cameras.camera_files import CameraFile
+from pipelines.frames.frame_options import FrameOptions
 from pipelines.frames.frames import find_frames
-from pipelines.frames.rgbd_folder import FrameOptions
 from pipelines.storage.images import write_image
 
 ORIENTATION = 0x0112  # EXIF's tag

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from pipelines.errors import FormatError, SymgraspError
+from pipelines.frames.frame_options import FrameOptions
 from pipelines.frames.frames import find_frames
-from pipelines.frames.rgbd_folder import FrameOptions
 from tests.frames.layouts import build
 
 METRES = build.depth(0).astype(np.float32) / 1000

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 from pipelines.errors import SymgraspError
 from pipelines.frames.cameras.camera_files import CameraFile
+from pipelines.frames.frame_options import FrameOptions
 from pipelines.frames.frames import find_frames
-from pipelines.frames.rgbd_folder import FrameOptions
 from tests.frames.layouts import build
 
 CAMERA = CameraFile(*build.FOUR)

@@ -11,10 +11,10 @@ from numpy.testing import assert_array_equal
 
 from pipelines.errors import FormatError
 from pipelines.frames.cameras.camera_files import CameraFile, parse_camera
+from pipelines.frames.frame_options import FrameOptions
 from pipelines.frames.frames import find_frames
 from pipelines.frames.layouts.scannet import COLOR_CAMERA, DEPTH_CAMERA
 from pipelines.frames.rgbd import DepthUnits
-from pipelines.frames.rgbd_folder import FrameOptions
 from tests.frames.layouts import build
 
 UNITS = 2000.0

@@ -12,9 +12,9 @@ from scipy.spatial import KDTree
 from pipelines.errors import FormatError
 from pipelines.frames.cameras.camera_files import CameraFile
 from pipelines.frames.cameras.lens import BROWN, Distortion, displacement
+from pipelines.frames.frame_options import FrameOptions
 from pipelines.frames.frames import find_frames
 from pipelines.frames.layouts.pcd import fit_camera
-from pipelines.frames.rgbd_folder import FrameOptions
 from pipelines.geometry.camera import Intrinsics
 from tests.frames.layouts import build
 

@@ -10,10 +10,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from pipelines.errors import SymgraspError
 from pipelines.frames.cameras.camera_files import CameraFile
+from pipelines.frames.frame_options import FrameOptions
 from pipelines.frames.frames import find_frames
 from pipelines.frames.layouts.registry import LAST_RESORT, LAYOUTS
 from pipelines.frames.rgbd import Frame
-from pipelines.frames.rgbd_folder import FrameOptions
 from tests.frames.layouts import build
 
 CAMERA = CameraFile(*build.FOUR)

@@ -14,8 +14,8 @@ from numpy.testing import assert_array_equal
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.cameras.camera_files import CameraFile
 from pipelines.frames.encodings.ros_bags import CAMERA, COMPRESSED, IMAGE, open_bag
+from pipelines.frames.frame_options import FrameOptions
 from pipelines.frames.frames import find_frames
-from pipelines.frames.rgbd_folder import FrameOptions
 from tests.frames.layouts import build
 from tests.frames.layouts.test_damaged import MUTATIONS, mutations, read_everything
 

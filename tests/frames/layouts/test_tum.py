@@ -8,9 +8,9 @@ import pytest
 
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.cameras.camera_files import CameraFile
+from pipelines.frames.frame_options import FrameOptions
 from pipelines.frames.frames import find_frames
 from pipelines.frames.layouts.tum import associate
-from pipelines.frames.rgbd_folder import FrameOptions
 from tests.frames.layouts import build
 
 CAMERA = CameraFile(*build.FOUR)

@@ -8,9 +8,7 @@ from itertools import chain
 from operator import attrgetter
 from pathlib import Path
 
-from pipelines.frames.cameras.camera_files import CameraFile
-from pipelines.frames.depth.stated_units import check_units
-from pipelines.frames.image_names import (
+from pipelines.frames.pairing.image_names import (
     ALIGNED_COLOR,
     ALIGNED_DEPTH,
     WORDS_OF_COLOR,
@@ -21,7 +19,6 @@ from pipelines.frames.image_names import (
     without_word,
     word_and_rest,
 )
-from pipelines.frames.rgbd import DepthUnits
 
 COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm")
 DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".exr", ".pgm", ".pfm")
@@ -31,46 +28,6 @@ DEPTH_FOLDERS = ("depth", "depths", "distance_to_image_plane")
 FACTS = re.compile("(camera[-_.])?((?i:matrix|params|scale|units?|(in|ex)trinsics?)|K)")
 FURTHER = re.compile(r"(.+?)((?:[-_.][a-zA-Z]+)+)")  # 1-gt, the rest of depth1-gt.png
 ImageFiles = dict[str, list[Path]]  # by the rest of the name; the first file is taken
-
-
-@dataclass(frozen=True)
-class FrameOptions:
-    """The user's statements about the frames; None = as stated in the files next to the images."""
-
-    camera: CameraFile | None = None
-    depth_units_per_metre: float | None = None
-    trust_pickles: bool = False
-
-    def __post_init__(self) -> None:
-        check_units("--depth-units-per-metre", self.depth_units_per_metre)
-
-    @property
-    def needs_units(self) -> bool:
-        """Whether the unit of the depth comes from the files next to the images."""
-        in_camera = self.camera and self.camera.units_per_metre
-        return not (self.depth_units_per_metre or in_camera)
-
-    def depth_units(
-        self, written: float | None = None, usual: float = DepthUnits().integers
-    ) -> DepthUnits:
-        """Return the unit of the depth, in every layout by the same order of sources.
-
-        Args:
-            written: units per metre in the files next to the images, None if they state none.
-            usual: units per metre of whole numbers in the layout, if no source states any.
-
-        Returns:
-            The unit that the user stated, for floats too; else that in the stated camera's file,
-            else `written`, else `usual`, which are for whole numbers: floats are metres, unless
-            they are too large for metres and a file states a unit.
-        """
-        if (stated := self.depth_units_per_metre) is not None:
-            return DepthUnits(stated, stated, is_stated=True)
-        units = (self.camera and self.camera.units_per_metre) or written
-        return DepthUnits(units or usual, far_floats=units)
-
-
-NOTHING_STATED = FrameOptions()
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from collections import Counter
 from itertools import islice
 from pathlib import Path
 
-from pipelines.frames.image_names import WORDS_OF_COLOR, word_and_rest
-from pipelines.frames.rgbd_folder import (
+from pipelines.frames.pairing.image_names import WORDS_OF_COLOR, word_and_rest
+from pipelines.frames.pairing.image_pairs import (
     COLOR_FOLDERS,
     COLOR_SUFFIXES,
     DEPTH_FOLDERS,

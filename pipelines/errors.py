@@ -87,7 +87,8 @@ class WriteError(SymgraspError):
 
     def __init__(self, path: Path | str, why: str) -> None:
         super().__init__(
-            f"{path} cannot be written ({why}); once it can, the same command continues from here"
+            f"{path} cannot be written ({why}); once it can, the same command continues, "
+            "a training with --resume"
         )
         self.why, self.arguments = why, (path, why)
 

@@ -8,6 +8,7 @@ Writes  VERDICTS.npz    contacts, smallest friction, antipodal score, collision:
 """
 
 import time
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
@@ -45,6 +46,7 @@ STAGE = "score-grasps"
 NAMED_FAULTS = 5
 ROUNDING = 1e-6  # metres; openings beyond the limit by less are equal to it
 CLIPPED = "clipped to {width:g} m: {count}; --clip-width states the gripper's widest opening"
+FAR = 1.0  # metres between a mesh and the nearest grasp that give a note
 UNSURE = "is not closed; near its holes the distance grid and the verdicts are unreliable"
 
 
@@ -85,11 +87,8 @@ def run(
     write_verdicts(output, verdicts, stamp)
     report.done.append(output.name)
     report.notes[output.name] = _summary(verdicts)
-    wider = np.count_nonzero(given.rows[:, RowColumn.WIDTH] > config.clip_width + ROUNDING)
-    if wider:
-        report.notes[grasps.name] = CLIPPED.format(
-            count=counted(int(wider), "opening"), width=config.clip_width
-        )
+    if note := "; ".join(_oddities(mesh, given.rows, config.clip_width)):
+        report.notes[grasps.name] = note
     unsure = config.compatible and not with_grid and not mesh.is_watertight
     if turned or unsure:
         report.notes[model.name] = "; ".join(filter(None, (turned, UNSURE if unsure else "")))
@@ -132,6 +131,21 @@ def score(
         "collision": collision,
         "empty": empty,
     }
+
+
+def _oddities(mesh: Mesh, rows: Array, clip_width: float) -> Iterator[str]:
+    """Yield sentences on `rows` (n, 17) that are too far from the mesh, or too wide."""
+    low, high = mesh.bounds
+    places = rows[:, RowColumn.TRANSLATION]
+    gaps = np.linalg.norm(np.maximum(np.maximum(low - places, places - high), 0.0), axis=1)
+    if len(gaps) and (nearest := float(gaps.min())) > FAR:
+        yield (
+            f"the nearest grasp is {nearest:.3g} m from the mesh; "
+            "translations are metres in the mesh's frame"
+        )
+    wider = np.count_nonzero(rows[:, RowColumn.WIDTH] > clip_width + ROUNDING)
+    if wider:
+        yield CLIPPED.format(count=counted(int(wider), "opening"), width=clip_width)
 
 
 def _forget(verdicts: dict[str, NDArray[np.generic]], rows: list[int]) -> None:

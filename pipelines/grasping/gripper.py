@@ -51,7 +51,8 @@ class Gripper:
         where = f"gripper {self.name}"
         for field in fields(self)[1:]:
             value = getattr(self, field.name)
-            if not (isinstance(value, NUMBER) and 0.0 <= value < 1.0):
+            is_number = isinstance(value, NUMBER) and not isinstance(value, bool)
+            if not (is_number and 0.0 <= value < 1.0):
                 raise ValueRangeError(f"{where}: {field.name}", value, "a length in metres, 0 to 1")
             if isinstance(value, np.generic):  # digests and files need Python's numbers
                 vars(self)[field.name] = value.item()

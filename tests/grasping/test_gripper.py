@@ -1,5 +1,6 @@
 """Grippers as boxes, and their files."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -55,6 +56,13 @@ def test_a_user_gripper_is_read_from_toml(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text((GRIPPERS / "rg2.toml").read_text().replace('"rg2"', '"mine"'))
     assert load_gripper(str(path)) == replace(load_gripper("rg2"), name="mine")
+
+
+def test_a_measure_that_is_no_number_is_refused(tmp_path):
+    content = (GRIPPERS / "rg2.toml").read_text()
+    (tmp_path / "g.toml").write_text(re.sub(r"(?m)^tip_reach = .*", "tip_reach = false", content))
+    with pytest.raises(SymgraspError, match=r"tip_reach is False; it must be a length in metres"):
+        load_gripper(str(tmp_path / "g.toml"))
 
 
 def test_the_digest_covers_only_the_measures(tmp_path):

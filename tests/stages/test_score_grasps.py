@@ -128,6 +128,15 @@ def test_openings_beyond_the_clip_width_are_named(mesh_path):
     assert "clipped to 0.1 m: 1 opening; --clip-width" in note
 
 
+def test_grasps_that_are_all_far_from_the_mesh_get_a_note(mesh_path):
+    rows = rows_across()
+    rows[:, 15] = 30.0  # millimetres
+    note = run(mesh_path, rows)[0].notes["rows.npy"]
+    assert "nearest grasp is 30 m from the mesh; translations are metres" in note
+    rows[0, 15] = 0.03
+    assert "rows.npy" not in run(mesh_path, rows, overwrite=True)[0].notes
+
+
 @pytest.mark.parametrize("compatible", [False, True])
 def test_colliding_and_empty_grasps_are_marked(mesh_path, compatible):
     rows = rows_across(3)

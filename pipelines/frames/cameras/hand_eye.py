@@ -113,12 +113,16 @@ def _only(path: Path, found: list[tuple[str, Array]]) -> tuple[str, Array]:
         raise FormatError(path, "holds no pose of a camera", EXPECTED)
     found = [each for each in found if _rotation(each[1]) is not None] or found[:1]
     first = found[0][1]
-    others = [name for name, pose in found if not np.allclose(pose, first, rtol=0, atol=SAME_POSE)]
+    others = [name for name, pose in found if not _is_same(pose, first)]
     if others:
         names = ", ".join([found[0][0], *others][:MOST_NAMES])
         cure = "keep the camera's pose in the robot's base frame alone"
         raise FormatError(path, f"holds several poses ({names})", cure)
     return found[0]
+
+
+def _is_same(pose: Array, other: Array) -> bool:
+    return np.allclose(pose, other, rtol=0.0, atol=SAME_POSE, equal_nan=True)
 
 
 def _is_moving(name: str) -> bool:

@@ -1,6 +1,7 @@
 """Hand-eye calibrations in the files of the usual tools."""
 
 import json
+import math
 
 import numpy as np
 import pytest
@@ -126,6 +127,7 @@ def test_the_pose_is_read_from_an_array_that_numpy_saved(tmp_path):
         ("c.json", json.dumps({"fx": 600}), "holds no pose of a camera"),
         ("d.json", json.dumps((2 * T_BASE_CAM).tolist()), "no rotation and translation"),
         ("e.json", json.dumps((T_BASE_CAM + 1e3 * np.eye(4, k=3)).tolist()), "millimetres"),
+        ("o.json", json.dumps([[math.nan] * 4] * 4), "no rotation and translation|no number"),
         ("f.yaml", EASY_HANDEYE.replace(f"{W}", "7.5"), "quaternion of length"),
         ("g.json", "null", "holds no pose"),
         ("h.json", json.dumps([[1, 2], [3]]), "holds no pose"),

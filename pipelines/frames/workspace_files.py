@@ -19,11 +19,13 @@ def parse_workspace(text: str | None) -> tuple[tuple[float, ...], Path | None]:
 
     Raises:
         ValueRangeError: neither six numbers nor a file.
+        FormatError: the file is no image, which would be the fault of every frame.
     """
     if text is None:
         return (), None
     path = Path(text)
     if is_file(path):
+        read_image(path)
         return (), path
     if box := box_of_text(text):
         return box, None

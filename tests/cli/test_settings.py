@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from pipelines.configs.settings import settings_of
 from pipelines.configs.stages import STAGE_SETTINGS, default_settings
+from pipelines.storage.images import write_image
 from pipelines.storage.provenance import read_stamp
 from symgrasp_cli.app import app
 from symgrasp_cli.settings import PANEL, GivenOption, SettingOption, settings_chosen
@@ -182,9 +183,10 @@ def test_a_box_of_the_workspace_is_not_given_by_set_too(tmp_path):
 
 
 def test_a_box_of_the_settings_goes_with_a_mask_of_the_workspace(tmp_path):
-    mask = tmp_path / "mask.png"
-    mask.write_bytes(b"")
-    result = run("infer", tmp_path, "--workspace", mask, "--set", f"limits.box={BOX}")
+    frames, mask = tmp_path / "frames", tmp_path / "mask.png"
+    frames.mkdir()
+    write_image(mask, np.ones((4, 5), np.uint8))
+    result = run("infer", frames, "--workspace", mask, "--set", f"limits.box={BOX}")
     assert "holds no RGB-D frames" in result.stderr  # the next fault: the settings are accepted
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipelines.errors import SymgraspError, ValueRangeError
+from pipelines.errors import FormatError, SymgraspError, ValueRangeError
 from pipelines.frames.workspace_files import (
     parse_workspace,
     read_workspace_mask,
@@ -22,6 +22,12 @@ def test_six_numbers_give_a_box_a_file_gives_a_mask_and_no_value_gives_no_limit(
 def test_anything_else_is_refused_with_both_forms(text):
     with pytest.raises(ValueRangeError, match=r"x0,y0,z0,x1,y1,z1.*path of an existing mask"):
         parse_workspace(text)
+
+
+def test_a_file_that_is_no_image_is_refused_before_any_frame_is_read(tmp_path):
+    (tmp_path / "box.txt").write_text("1 2 3 4 5 6")
+    with pytest.raises(FormatError, match=r"box.txt: .*image"):
+        parse_workspace(str(tmp_path / "box.txt"))
 
 
 @pytest.mark.parametrize("channels", [None, 3])

@@ -259,11 +259,12 @@ def _geometry(path: Path) -> Any:  # noqa: ANN401 - a mesh or a cloud of trimesh
 
 
 def _refuse_cut_off(path: Path, data: bytes) -> None:
-    """Raise FormatError if an OFF file announces more lines than it has: trimesh reads the rest."""
+    """Raise FormatError if an OFF file has fewer lines than it announces: trimesh reads those."""
     text = COMMENT.sub(b"", data).partition(b"OFF")[2]
     lines = [line for line in text.splitlines() if line.strip()]
-    counts = lines[0].split()[:2] if lines else []
-    announced = sum(int(word) for word in counts if word.isdigit())
+    if not lines:  # trimesh names the fault
+        return
+    announced = sum(int(word) for word in lines[0].split()[:2] if word.isdigit())
     if len(lines) - 1 < announced:
         found = f"has {len(lines) - 1} of {announced} announced vertices and faces"
         raise FormatError(path, found, "copy the file again")

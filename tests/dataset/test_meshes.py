@@ -98,6 +98,13 @@ def test_an_off_file_that_is_cut_off_after_any_line_is_refused(tmp_path: Path, h
             read_mesh(path)
 
 
+@pytest.mark.parametrize("text", ["", "8 12 0\n0 0 0\n", "off\n8 12 0\n0 0 0\n"])
+def test_a_file_without_the_header_of_off_is_not_called_cut_off(tmp_path: Path, text: str) -> None:
+    (tmp_path / "a.off").write_text(text)
+    with pytest.raises(FormatError, match=r"not readable as \.off"):
+        read_mesh(tmp_path / "a.off")
+
+
 @pytest.mark.parametrize("suffix", [".ply", ".stl", ".glb", ".off"])
 def test_a_damaged_mesh_is_reported_in_one_sentence(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"bad{suffix}"

@@ -55,6 +55,7 @@ def run(
     options: BatchOptions | None = None,
 ) -> StageReport:
     """Pack every scene of `split` (None: all) as seen by `camera` (None: by each camera)."""
+    options = options or BatchOptions()
     refuse_file_as_folder(output_dir)
     root = GraspNetRoot.finished(source)
     refuse_held_back(root)
@@ -65,14 +66,15 @@ def run(
         for scene, of_scene in zip(scenes, inputs, strict=True)
     ]
     step = partial(pack_scene, root=root, config=config, seed=seed)
-    report = run_batch(STAGE, items, step, options or BatchOptions())
+    report = run_batch(STAGE, items, step, options)
+    made = {*report.done, *report.skipped}
     if others := sorted({*packed_regions.packed_files(output_dir)} - {i.target for i in items}):
         report.notes[str(output_dir)] = (
             f"{counted(len(others), 'packed scene')} of other runs, which train reads too; remove "
             f"what is of another dataset, for example {others[0]}"
         )
-    elif report.done or report.skipped:
-        _note_lack_of_scenes([item.target for item in items if item.target.exists()], report)
+    elif made and not options.dry_run:
+        _note_lack_of_scenes([item.target for item in items if item.name in made], report)
     return report
 
 

@@ -156,6 +156,20 @@ def test_a_finished_scene_is_skipped(root, tmp_path):
     assert pack.run(root.root, tmp_path, CONFIG, options=QUIET).skipped == [NAME]
 
 
+def test_scenes_that_are_not_packed_yet_or_damaged_do_not_stop_the_report(root, tmp_path):
+    shutil.copytree(root.root, tmp_path / "copy")
+    scenes, out = tmp_path / "copy" / "scenes", tmp_path / "out"
+    pack.run(tmp_path / "copy", out, CONFIG, options=QUIET)
+    shutil.copytree(scenes / "scene_0000", scenes / "scene_0001")
+    planned = replace(QUIET, dry_run=True)
+    notes = pack.run(tmp_path / "copy", out, CONFIG, options=planned).notes
+    assert list(notes) == ["scene_0001_realsense"]  # would be packed: no lack of scenes
+    (out / "scene_0001_realsense.h5").write_bytes(b"damaged")
+    report = pack.run(tmp_path / "copy", out, CONFIG, options=QUIET)
+    assert list(report.failed) == ["scene_0001_realsense"]
+    assert "regions" in report.notes
+
+
 def test_train_is_next_only_if_it_can_hold_out_a_scene(root, tmp_path):
     shutil.copytree(root.root, tmp_path / "copy")
     scenes, config = tmp_path / "copy" / "scenes", TrainConfig()

@@ -46,7 +46,7 @@ STAGE = "score-grasps"
 NAMED_FAULTS = 5
 ROUNDING = 1e-6  # metres; openings beyond the limit by less are equal to it
 CLIPPED = "clipped to {width:g} m: {count}; --clip-width states the gripper's widest opening"
-FAR = 1.0  # metres between a mesh and the nearest grasp that give a note
+FAR = 1.0  # metres; a note is given if even the nearest grasp is farther from the mesh
 UNSURE = "is not closed; near its holes the distance grid and the verdicts are unreliable"
 
 
@@ -87,7 +87,8 @@ def run(
     write_verdicts(output, verdicts, stamp)
     report.done.append(output.name)
     report.notes[output.name] = _summary(verdicts)
-    if note := "; ".join(_oddities(mesh, given.rows, config.clip_width)):
+    rows = np.delete(given.rows, sorted(given.faults), axis=0)
+    if note := "; ".join(_oddities(mesh, rows, config.clip_width)):
         report.notes[grasps.name] = note
     unsure = config.compatible and not with_grid and not mesh.is_watertight
     if turned or unsure:

@@ -133,6 +133,8 @@ def test_grasps_that_are_all_far_from_the_mesh_get_a_note(mesh_path):
     rows[:, 15] = 30.0  # millimetres
     note = run(mesh_path, rows)[0].notes["rows.npy"]
     assert "nearest grasp is 30 m from the mesh; translations are metres" in note
+    rows[1, 0] = np.nan  # a row that is no grasp is not near either
+    assert "nearest grasp is 30 m" in run(mesh_path, rows, overwrite=True)[0].notes["rows.npy"]
     rows[0, 15] = 0.03
     assert "rows.npy" not in run(mesh_path, rows, overwrite=True)[0].notes
 

@@ -150,7 +150,8 @@ def _model_item(root: GraspNetRoot, source: NumberedMesh, mesh_scale: float | No
     inputs = {"mesh": digest_if_there(source.path)}
     stamp = make_stamp(f"{STAGE} model", {"mesh_scale": mesh_scale or 1.0}, inputs=inputs)
     model = root.model_path(source.object_id)
-    return WorkItem(source.title, model.parent, stamp, (source.path, mesh_scale), (model,))
+    files = (model, model.with_name("textured.obj"))
+    return WorkItem(source.title, model.parent, stamp, (source.path, mesh_scale), files)
 
 
 def _write_model(item: WorkItem) -> str:

@@ -47,6 +47,7 @@ from pipelines.synthesis.scenes.scene_files import write_scene
 from pipelines.synthesis.scenes.tables import check_object_counts
 
 STAGE = "synthesize"
+MODEL_FILES = ("nontextured.ply", "textured.obj", "convex.npz")
 PLACE_OF_SPLIT = {"train": 0, "seen": 0, "similar": 1, "novel": 2}  # in POOLS_OF_FAMILIES
 MAX_OBJECTS = 9999  # label images have 16 bits if needed; names of models have up to four digits
 CONTAINER_FLOORS = 2  # in stamps; scenes without it are older, their objects may be in the floors
@@ -172,9 +173,9 @@ class _PlannedRoot:
                 settings["mesh_scale"] = source.scale
             inputs = {"mesh": digest_if_there(source.path)} if source else {}
             stamp = make_stamp("synthesize object", settings, seed=self.seed, inputs=inputs)
-            model, arguments = self.files.model_path(object_id), (pool, index, source)
-            name = f"object {object_id:03d}"
-            items.append(WorkItem(name, model.parent, stamp, arguments, (model,)))
+            target, arguments = self.files.model_path(object_id).parent, (pool, index, source)
+            files = tuple(target / name for name in MODEL_FILES)
+            items.append(WorkItem(f"object {object_id:03d}", target, stamp, arguments, files))
         return items
 
     def write_object_list(self) -> None:
@@ -248,9 +249,10 @@ def _write_object(item: WorkItem, *, seed: int) -> None:
     pool, index, source = item.arguments
     made = source.as_object(seed) if source else make_object(pool, index, seed)
     with atomic_folder(item.target) as folder:
-        write_mesh(folder / "nontextured.ply", made.mesh)
-        write_mesh(folder / "textured.obj", made.mesh)
-        convex_file.write(folder / "convex.npz", made.pieces)
+        plain, textured, pieces = (folder / name for name in MODEL_FILES)
+        write_mesh(plain, made.mesh)
+        write_mesh(textured, made.mesh)
+        convex_file.write(pieces, made.pieces)
         write_sidecar(folder, item.stamp)
 
 

@@ -108,10 +108,11 @@ def test_a_second_run_skips_and_other_settings_are_refused(meshes: Path, tmp_pat
     assert content(tmp_path / "out") == before
 
 
-def test_a_lost_model_is_made_again(meshes: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["nontextured.ply", "textured.obj"])
+def test_a_lost_model_is_made_again(meshes: Path, tmp_path: Path, name: str) -> None:
     label(meshes, tmp_path / "out")
     before = content(tmp_path / "out")
-    GraspNetRoot(tmp_path / "out").model_path(1).unlink()
+    (tmp_path / "out" / "models" / "001" / name).unlink()
     assert label(meshes, tmp_path / "out").failed == {}
     assert content(tmp_path / "out") == before
 

@@ -238,12 +238,13 @@ def test_distance_grids_are_added_to_a_finished_root(tmp_path):
     assert synthesize.run(root, config, QUIET, models=tmp_path, sdf=True).done == []
 
 
-def test_a_lost_model_is_made_again(tmp_path):
+@pytest.mark.parametrize("name", ["nontextured.ply", "textured.obj", "convex.npz"])
+def test_a_lost_model_is_made_again(tmp_path, name):
     trimesh.creation.box((0.05, 0.06, 0.1)).export(tmp_path / "a.stl")
     small = {"splits": ("train",), "min_objects": 1, "labels": LabelConfig(num_points=0)}
     config, root = replace(CONFIG, **small), tmp_path / "root"
     synthesize.run(root, config, QUIET, models=tmp_path)
-    model = GraspNetRoot(root).model_path(0)
+    model = root / "models" / "000" / name
     before = model.read_bytes()
     model.unlink()
     assert synthesize.run(root, config, QUIET, models=tmp_path).done == ["object 000"]

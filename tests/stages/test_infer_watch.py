@@ -20,6 +20,7 @@ from typer.testing import CliRunner
 
 from pipelines import infer, infer_watch
 from pipelines.configs import InferConfig, WatchConfig
+from pipelines.dataset.chosen_frames import ChosenFrames
 from pipelines.errors import StaleOutputError, SymgraspError, WriteError
 from pipelines.grasp_files import grasps_file
 from pipelines.inference.runs import following
@@ -400,9 +401,24 @@ def test_overwriting_names_the_frames_that_nothing_can_make_again(cell, caplog):
         (line,) = [
             each.getMessage() for each in caplog.records if "--overwrite" in each.getMessage()
         ]
-        assert "1 frame no longer in" in line
+        assert f"of 1 frame not among those of {cell.frames} now" in line
         assert line.endswith("for example a")
         assert cell.statuses() == {"b": "ok"}
+
+
+def test_the_names_of_removed_parts_are_those_of_their_frames(cell, caplog):
+    (cell.frames / "left").mkdir()
+    cell.write("a", as_name="left/a")
+    cell.write("b", as_name="left/b")
+    cell.follow()
+    cell.output.unlink()  # as after a kill
+    infer.run(
+        infer.InferPaths(cell.frames, cell.output),
+        CONFIG,
+        dataclasses.replace(OPTIONS, overwrite=True),
+        choice=ChosenFrames(stride=2),
+    )
+    assert "for example left/b" in caplog.text
 
 
 def test_results_of_removed_frames_are_not_overwritten(cell):

@@ -8,6 +8,7 @@ from collections.abc import Container, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import h5py
 
@@ -27,7 +28,7 @@ def finished_items(run: InferRun, items: Sequence[WorkItem], *, overwrite: bool)
     """Return the items with valid parts; remove all other parts.
 
     A warning counts the removed parts, damaged or of a run with other settings; with `overwrite`
-    only those of frames that are gone.
+    only those of frames that `items` lack.
     """
     finished = [item for item in items if has_part(item)]
     others = sorted(_parts(run) - {item.target for item in finished})
@@ -104,13 +105,13 @@ def refuse_lost_parts(run: InferRun, items: Sequence[WorkItem]) -> None:
 
 
 def warn_of_lost_parts(run: InferRun, items: Sequence[WorkItem]) -> None:
-    """Warn that --overwrite removes parts of frames that `items` lack: nothing makes them again."""
+    """Warn that --overwrite removes parts of frames that `items` lack, which are not made again."""
     if lost := sorted(_parts(run) - {item.target for item in items}):
         log.warning(
-            "--overwrite removes the grasps of %s no longer in %s, for example %s",
+            "--overwrite removes the grasps of %s not among those of %s now, for example %s",
             counted(len(lost), "frame"),
             run.settings.paths.frames,
-            lost[0].stem,
+            unquote(lost[0].stem),
         )
 
 
@@ -129,9 +130,9 @@ def refuse_stale(run: InferRun, known: set[str]) -> None:
     lost = [name for name, status in states if status != "failed" and name not in known]
     if lost:
         raise SymgraspError(
-            f"{run.output} holds {counted(len(lost), 'frame')} no longer in "
-            f"{run.settings.paths.frames}, for example {lost[0]}; choose another output, or pass "
-            "--overwrite"
+            f"{run.output} holds {counted(len(lost), 'frame')} not among those of "
+            f"{run.settings.paths.frames} now, for example {lost[0]}; choose another output, or "
+            "pass --overwrite"
         )
 
 

@@ -18,8 +18,8 @@ MAX_ELEMENTS = 120  # elements of the icosahedron's group, the largest of a soli
 MAX_FOLD = 12
 SNAP = 0.1  # of a step of an n-fold turn: nearer angles are set to the step
 SAME_ROTATION = float(np.radians(4.0))  # elements closer than this are the same
-HALF_TURN = 1e-12  # twice the sine of an angle from which a turn has a sense
-NO_SHIFT = 1e-6  # share of the largest singular value; smaller ones are of the axis itself
+LEAST_SENSE = 1e-12  # twice the sine of the angle; below it a turn is a half turn, without a sense
+ALONG_AXIS = 1e-6  # of the largest singular value of 1 - R; the direction below it is the axis
 PARALLEL_COSINE = float(np.cos(np.radians(5.0)))
 
 
@@ -64,8 +64,8 @@ def turn_of(transform: Array) -> tuple[Array, float, Array]:
     # The axis is the eigenvector of R + R^T with the largest eigenvalue.
     axis = np.linalg.eigh(R + R.T)[1][:, 2]
     sense = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    axis = -axis if axis @ sense < -HALF_TURN else axis
-    point = np.linalg.lstsq(np.eye(3) - R, t - (t @ axis) * axis, rcond=NO_SHIFT)[0]
+    axis = -axis if axis @ sense < -LEAST_SENSE else axis
+    point = np.linalg.lstsq(np.eye(3) - R, t - (t @ axis) * axis, rcond=ALONG_AXIS)[0]
     shares = 2.0 * np.pi / np.arange(2, MAX_FOLD + 1)
     multiples = np.rint(angle / shares) * shares
     nearest = int(np.abs(multiples - angle).round(9).argmin())

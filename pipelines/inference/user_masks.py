@@ -20,7 +20,8 @@ def drawn_by_user(
     `shared`: last parts of names that several frames share.
 
     Raises:
-        SymgraspError: the frame has no mask, or a mask whose sides have another ratio.
+        SymgraspError: the frame has no mask, or the sides of a mask have another ratio than those
+            of the depth.
     """
     shape = frame.depth.shape
     masks = None if paths.masks is None else read_masks(paths.masks, name, shape, shared)

@@ -150,7 +150,7 @@ class FrameSimulator:
 
 
 def kind_at(truth: FrameTruth, object_id: int, mask: Mask | None) -> str:
-    """Return the kind of symmetry of an object's true region with most of `mask` (H, W).
+    """Return the kind of symmetry of the object's region that contains most of `mask` (H, W).
 
     Without a mask, or if no region contains it, the region with most visible pixels counts.
     """

@@ -16,7 +16,7 @@ class Scalars:
     torch's own writer has a thread, whose traceback a full disk would print.
 
     Raises:
-        WriteError: there is no space, or the folder may not be written; of `add` too.
+        WriteError: there is no space, or the folder may not be written; `add` raises it too.
     """
 
     def __init__(self, folder: Path, first_step: int) -> None:

@@ -1,6 +1,6 @@
 """Damaged files of every kind give an error sentence or a result, never a traceback.
 
-`SYMGRASP_MUTATIONS=200 pytest tests/formats/layouts/test_damaged.py` tries harder.
+`SYMGRASP_MUTATIONS=200 pytest tests/frames/layouts/test_damaged.py` tries harder.
 """
 
 import json

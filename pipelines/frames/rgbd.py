@@ -101,7 +101,7 @@ class DepthUnits:
 
     integers: float = 1000.0
     floats: float = 1.0  # depth stored as floats is usually metres
-    far_floats: float | None = None  # of floats too large for metres, as files state it
+    far_floats: float | None = None  # of floats beyond LIKELY_DEPTH as metres, if a file states it
     option: str = "--depth-units-per-metre"  # by which a user states other units
     is_stated: bool = False  # stated by the user: a close view is no reason for doubt
     is_certain: bool = False  # stated by a data set: no depth is a reason for doubt
@@ -213,7 +213,7 @@ def _metres(path: Path, stored: NDArray[Any], units: DepthUnits) -> tuple[Single
         raise FormatError(path, *nothing_measured(stored))
     values[~valid] = 0.0
     unit = units.floats if is_float else units.integers
-    if is_float and units.far_floats is not None and _nearest_median(values) > FARTHEST_DEPTH:
+    if is_float and units.far_floats is not None and _nearest_median(values) > LIKELY_DEPTH[1]:
         unit = units.far_floats
     depth = values / np.float32(unit)
     if not units.is_certain:

@@ -48,7 +48,7 @@ def read_scale(path: Path) -> float:
         units = units_in({"depth_scale": stated})
     except (TypeError, ValueError):
         units = None
-    # Written so that nan fails too; no number means 1, only the name `m`, of floats.
+    # Written so that nan fails too. 1 comes from the name `m` alone: the number 1 is BOP's, 1000.
     if units is None or not (LEAST_UNITS <= units < np.inf or units == 1.0):
         raise FormatError(path, f"states the unit of the depth as {stated!s:.40}", EXPECTED)
     return units

@@ -169,6 +169,7 @@ def test_a_scale_that_is_no_unit_is_refused(tmp_path: Path, content: str) -> Non
         ("depth_scale.txt", "0.001", 1000.0),
         ("depth_units.txt", "m", 1.0),
         ("depth_units.txt", "mm", 1000.0),
+        ("depth_units.txt", "cm", 100.0),
         ("note.txt", "", 1.0),
     ],
 )

@@ -70,9 +70,8 @@ def find_frames(
 def _with_file(file: Path, options: FrameOptions) -> list[FrameSource]:
     """List the frames that `file` is part of; its folder is searched first, then that above.
 
-    A folder with a fault, such as a damaged index, gives a source without files: its fault counts.
-
-    Images may be in `rgb/`, whose frames are those of the folder above.
+    Images may be in `rgb/`, whose frames are those of the folder above. A folder with a fault, such
+    as a damaged index, gives a source without files, which raises the fault.
     """
     if not is_file(file):
         return []
@@ -83,11 +82,14 @@ def _with_file(file: Path, options: FrameOptions) -> list[FrameSource]:
         partial(frames_in, file.parent.parent),
         partial(pickled_in, file.parent),
     )
+    alone: list[FrameSource] = []
     for search in searches:
         found = search("", options)
-        if found := [each for each in found if file in each.files or not each.files]:
+        found = [each for each in found if file in each.files or not each.files]
+        if holds_frame(found):
             return found
-    return []
+        alone = alone or found
+    return alone
 
 
 def _is_wanted(camera: str | None, scenes: Container[int] | None, folder: str) -> bool:

@@ -78,6 +78,16 @@ def test_an_image_in_a_sister_folder_is_read_as_its_frame(tmp_path: Path) -> Non
     assert source.name == "000001"
 
 
+def test_an_image_with_a_word_in_a_sister_folder_is_read_as_its_frame(tmp_path: Path) -> None:
+    build.pair(tmp_path / "rgb/color_0.png", tmp_path / "depth/depth_0.png", 0)
+    for image in ("rgb/color_0.png", "depth/depth_0.png"):
+        (source,) = find_frames(tmp_path / image)
+        assert (source.name, source.is_whole) == ("0", True)
+    (tmp_path / "depth/depth_0.png").unlink()
+    (source,) = find_frames(tmp_path / "rgb/color_0.png")
+    assert not source.is_whole
+
+
 def test_a_stray_pickle_hides_no_frames_below(tmp_path: Path) -> None:
     np.save(tmp_path / "notes.npy", {"a": 1}, allow_pickle=True)
     (tmp_path / "frames").mkdir()

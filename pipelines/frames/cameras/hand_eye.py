@@ -18,7 +18,7 @@ from pipelines.frames.encodings.yaml_files import read_yaml
 from pipelines.frames.frame_names import last_part
 from pipelines.geometry.transforms import make_pose, nearest_orthogonal, quaternion_to_matrix
 from pipelines.storage.array_files import read_npy
-from pipelines.storage.files import existing, is_file, read_json
+from pipelines.storage.files import is_file, read_json, read_text
 
 EXPECTED = (
     "a 4 x 4 matrix in JSON, YAML, .npy or .txt, or the YAML of easy_handeye or MoveIt's "
@@ -146,17 +146,9 @@ def _content(path: Path) -> object:
     if path.suffix != ".txt":
         return read_yaml(path)
     try:
-        return [float(each) for each in _text(path).replace(",", " ").split()]
+        return [float(each) for each in read_text(path, MAX_TEXT_BYTES).replace(",", " ").split()]
     except ValueError as error:
         raise FormatError(path, f"does not hold numbers alone ({error})", EXPECTED) from None
-
-
-def _text(path: Path) -> str:
-    with existing(path).open("rb") as stream:
-        data = stream.read(MAX_TEXT_BYTES + 1)
-    if len(data) > MAX_TEXT_BYTES:
-        raise FormatError(path, f"is larger than {MAX_TEXT_BYTES // 1024} KiB", EXPECTED)
-    return data.decode("utf-8", "replace")
 
 
 def _is_on_hand(content: object, key: str = "") -> bool:
@@ -252,7 +244,7 @@ def _rotation(pose: Array) -> Array | None:
 
 def _of_launch(path: Path) -> HandEye:
     """Read the static transform of a launch file, `x y z qx qy qz qw base camera`."""
-    found = LAUNCH.findall(COMMENT.sub("", _text(path)))
+    found = LAUNCH.findall(COMMENT.sub("", read_text(path, MAX_TEXT_BYTES)))
     if not found:
         raise FormatError(path, "publishes no static transform", EXPECTED)
     try:

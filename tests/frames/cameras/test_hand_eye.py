@@ -69,9 +69,10 @@ FILES = {
 }
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
 @pytest.mark.parametrize("name", FILES)
-def test_the_pose_is_read_from_the_file_of_every_tool(name, tmp_path):
-    (tmp_path / name).write_text(FILES[name])
+def test_the_pose_is_read_from_the_file_of_every_tool(name, encoding, tmp_path):
+    (tmp_path / name).write_text(FILES[name], encoding=encoding)
     found = read_hand_eye(tmp_path / name)
     assert_allclose(found.T_base_cam, T_BASE_CAM, atol=1e-9)
     if "robot_base_frame" in FILES[name] or name.endswith(".launch"):
@@ -190,7 +191,7 @@ def test_a_camera_on_the_hand_is_refused_however_the_file_states_it(name, text, 
 def test_a_text_beyond_the_limit_is_refused_and_not_cut(tmp_path):
     path = tmp_path / "long.launch"
     path.write_text(f"<!-- {'x' * 2**16} -->\n{LAUNCH}", encoding="utf-8")
-    with pytest.raises(FormatError, match="is larger than 64 KiB"):
+    with pytest.raises(FormatError, match="has more than 65536 bytes"):
         read_hand_eye(path)
 
 

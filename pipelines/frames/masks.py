@@ -19,7 +19,7 @@ PNG, KIND_AT, PALETTE = b"\x89PNG", 25, b"\x03"  # place of the colour type in a
 VOID = 255  # PASCAL VOC's index of outlines, which belong to no instance
 MASK_ENDINGS = ("_label.png", ".png", "_mask.png")
 MOST_COLORS = 1000  # of instances and of blurred outlines; a photograph has more
-COLOR_WEIGHTS = np.array([1 << 16, 1 << 8, 1], np.int32)
+COLOR_WEIGHTS = np.array([1 << 16, 1 << 8, 1], np.int32)  # of red, green and blue in an id
 
 
 def read_masks(
@@ -50,9 +50,9 @@ def read_masks(
 
 
 def at_size(path: Path, drawn: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
-    """Return the picture `drawn` (H, W) in `path` at the `shape` of the depth, nearest pixels.
+    """Return the picture `drawn` (H, W) in `path` at the `shape` of the depth, by nearest pixels.
 
-    It may be drawn on colour, which `fit_color` resamples.
+    It may be drawn on colour of another size, which `fit_color` resamples.
 
     Raises:
         FormatError: the sides have another ratio.
@@ -85,7 +85,7 @@ def _places_in_palette(path: Path) -> NDArray[np.uint8]:
 
 
 def _ids(path: Path, stored: NDArray[Any]) -> NDArray[Any]:
-    """Return the channel (H, W) that all channels of `stored` (H, W, 3) repeat, or its colours."""
+    """Return the channel (H, W) that all of `stored` (H, W, 3) repeat, else a number per colour."""
     if (stored == stored[:, :, :1]).all():
         return stored[:, :, 0]
     colors = stored.astype(np.int32) @ COLOR_WEIGHTS

@@ -287,7 +287,7 @@ def test_intrinsics_of_another_size_are_refused(tmp_path: Path, save: Save) -> N
     unsized = CameraFile(120.0, 120.0, 64.0, 48.0)
     error = only_error(tmp_path, FrameOptions(unsized))
     assert "principal point" in error
-    assert "all four times the ratio of the sizes" in error
+    assert "multiply those of a larger image by the ratio of the sizes" in error
 
 
 def test_a_missing_partner_fails_its_frame_alone(flat: Path) -> None:

@@ -63,7 +63,7 @@ class CameraFile:
     units_per_metre: float | None = None
     origin: str = "--intrinsics"
     distortion: Distortion = NO_DISTORTION
-    is_of_any_size: bool = False  # of images of every size, all of the same view
+    is_of_any_size: bool = False  # resized to images of any size, which all show one view
 
     def __post_init__(self) -> None:
         for name in ("fx", "fy", "cx", "cy"):
@@ -95,8 +95,8 @@ class CameraFile:
         low, high = CENTRAL
         if not (low < self.cx / width < high and low < self.cy / height < high):
             found = f"has its principal point at ({self.cx:g}, {self.cy:g}) of a {size} depth image"
-            scaled = "if the camera is a larger image's, all four times the ratio of the sizes"
-            raise FormatError(self.origin, found, f"give those of the depth image: {scaled}")
+            scaled = "multiply those of a larger image by the ratio of the sizes"
+            raise FormatError(self.origin, found, f"give those of the depth image; {scaled}")
         return Intrinsics(self.fx, self.fy, self.cx, self.cy, width, height)
 
     def _resized(self, width: int, height: int) -> Intrinsics | None:
@@ -168,7 +168,7 @@ def read_units(path: Path, frame: str = "", view: str = "") -> float | None:
     try:
         content = None if suffix == ".npy" else _content(path, frame)
     except FormatError:
-        if suffix not in TEXTS:  # of several cameras, or of others than ours: another is stated
+        if suffix not in TEXTS:  # a text may hold several cameras: the user states one of them
             raise
         return None
     return units_of(path, with_camera(content, view)) if isinstance(content, dict) else None

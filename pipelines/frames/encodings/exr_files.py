@@ -42,7 +42,7 @@ def read_exr(path: Path) -> NDArray[Any]:
             raise FormatError(path, found, f"at most {MAX_PIXELS} pixels are read")
         if count > MAX_CHANNELS:
             raise FormatError(path, f"has {count} channels", f"at most {MAX_CHANNELS} are read")
-        # Of damaged pixels it prints a warning, and has no part; stdout is for reports alone.
+        # For damaged pixels OpenEXR prints a warning and returns no part; stdout is for reports.
         with _printing_to_stderr(), OpenEXR.File(str(path), separate_channels=True) as file:
             if not file.parts:
                 raise ValueError("its pixels are damaged or cut off")

@@ -172,9 +172,10 @@ def sister_pairs(folder: Path, suffix: str = "") -> list[ImagePair]:
 
 
 def _by_word(folder: Path, color: Path | None, depth: Path | None) -> Sequence[Path | None]:
-    """Return the only two folders that differ by a word, as `rgb_raw`, `depth_raw`.
+    """Return the only two folders that differ by a word, as `rgb_raw` and `depth_raw`.
 
-    Else `color` and `depth`, and in place of None the only folder with the word: `depth_images`.
+    Else `color` and `depth`, each replaced, if None, by the only folder with its word, as
+    `depth_images`.
     """
     folders = sorted(path for path in folder.iterdir() if path.is_dir())
     colors, depths = (_without_any_word(folders, words) for words in (WORDS_OF_COLOR, ("depth",)))
@@ -214,7 +215,7 @@ def _without_any_word(folders: Iterable[Path], words: tuple[str, ...]) -> ImageF
 
 
 def _renamed(files: ImageFiles, rest_of: Callable[[str], str | None]) -> ImageFiles:
-    """Map what `rest_of` the names returns, or the names for None, to the files."""
+    """Map the rests of the names by `rest_of`, or whole names where it is None, to the files."""
     found: ImageFiles = {}
     for stem, paths in files.items():
         rest = rest_of(stem)

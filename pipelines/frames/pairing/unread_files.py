@@ -86,9 +86,10 @@ def _missing(folder: Path, files: list[Path]) -> str:
 
 
 def unread_partner(image: Path, missing: str) -> tuple[str, str] | None:
-    """Return why a file in the place of the `missing` image, `depth` or `colour`, is not read.
+    """Return the fault of a file in the place of the `missing` image, `depth` or `colour`.
 
-    And what would be right, if it is not the file's name. None without such a file.
+    The second text says what would be right; it is empty if the file's name is at fault. None if
+    there is no such file.
     """
     words, folders, read, kinds = (
         (("depth",), DEPTH_FOLDERS, DEPTH_SUFFIXES, "a 16-bit PNG, TIFF or PGM, .npy, .exr or .pfm")

@@ -462,6 +462,16 @@ def test_of_two_folders_with_the_word_none_is_taken(tmp_path: Path, save: Save) 
         find_frames(tmp_path)
 
 
+@pytest.mark.parametrize("other", ["depth_previews", "depth_scene"])
+def test_a_folder_of_whole_frames_is_no_colour_of_a_folder_next_to_it(
+    tmp_path: Path, save: Save, other: str
+) -> None:
+    names = ("x_color.png", "x_depth.png", "x_camera.json")
+    save(*(tmp_path / "rgb_scene" / name for name in names))
+    save(*(tmp_path / other / name for name in names))
+    assert [source.name for source in find_frames(tmp_path)] == [f"{other}/x", "rgb_scene/x"]
+
+
 def test_a_portable_float_map_is_depth_with_its_last_row_first(tmp_path: Path, save: Save) -> None:
     save(tmp_path / "x_color.png", None, tmp_path / "camera.json")
     metres = np.random.default_rng(0).uniform(0.5, 0.9, (HEIGHT, WIDTH)).astype("<f4")

@@ -166,9 +166,14 @@ def sister_pairs(folder: Path, suffix: str = "") -> list[ImagePair]:
     if aligned_color is not None and (aligned_depth is None or color_folder is None):
         color_folder = aligned_color
     depth_folder = aligned_depth or sister(folder, DEPTH_FOLDERS, suffix)
-    if not suffix and (color_folder is None or depth_folder is None):
+    is_by_word = not suffix and (color_folder is None or depth_folder is None)
+    if is_by_word:
         color_folder, depth_folder = _by_word(folder, color_folder, depth_folder)
-    return _pairs_in(color_folder, depth_folder) if color_folder and depth_folder else []
+    if color_folder is None or depth_folder is None:
+        return []
+    if is_by_word and any(pair.is_whole for pair in flat_pairs(color_folder)):
+        return []  # it holds the frames, and a folder such as depth_previews/ pictures of them
+    return _pairs_in(color_folder, depth_folder)
 
 
 def _by_word(folder: Path, color: Path | None, depth: Path | None) -> Sequence[Path | None]:

@@ -23,7 +23,7 @@ from pipelines.frames.layouts.tum import associate
 from pipelines.frames.rgbd import Frame, as_color, make_frame
 
 ROS_2_FILES = ("*.db3", "*.mcap")
-# First bytes; other `.db3` files are databases of other programs. All others count as bags.
+# First bytes; other `.db3` files are databases of other programs. Every `.bag` and `.mcap` counts.
 MAGIC = {"*.bag": b"", "*.db3": b"SQLite format 3\0", "*.mcap": b""}
 
 

@@ -109,5 +109,5 @@ def unread_partner(image: Path, missing: str) -> tuple[str, str] | None:
     if not is_file(other):
         return f"{other.name}, which is no file", "put the image in place of this link or folder"
     if other.suffix in read:
-        return f"{other.name}, whose name is no pair with it", ""
+        return f"{other.name}, whose name does not pair with it", ""
     return f"{other.name}, which is not read", f"save {missing} as {kinds}"

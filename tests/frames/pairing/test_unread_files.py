@@ -76,7 +76,7 @@ def test_a_broken_link_in_the_place_of_an_image_is_named(tmp_path: Path) -> None
 def test_an_image_that_is_read_under_another_name_is_no_pair(tmp_path: Path, depth: str) -> None:
     build.pair(tmp_path / depth.replace("depth", "rgb"), tmp_path / depth, 0)
     color = depth.replace("depth", "rgb")
-    expected = f"no colour image next to it but {color}, whose name is no pair with it; both have"
+    expected = f"next to it but {color}, whose name does not pair with it; both have one name"
     assert any(expected in _fault(source) for source in find_frames(tmp_path))
 
 

@@ -54,7 +54,7 @@ def find_frames(
         if not sources:
             raise SymgraspError(why_no_frame(folder))
         return sources
-    os.listdir(folder)  # noqa: PTH208 - the error names the folder if it may not be read
+    next(folder.iterdir(), None)  # raises the error of a folder that may not be read
     refuse_unfinished(folder)
     sources = _search(folder, "", stated, partial(_is_wanted, camera, scenes))
     is_chosen = camera is not None or scenes is not None

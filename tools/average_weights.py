@@ -12,9 +12,9 @@ from typing import Any
 
 import torch
 
-from pipelines.configs import DetectorConfig, NetworkConfig, from_settings
-from pipelines.contents import json_object
+from pipelines.configs import DetectorConfig, NetworkConfig
 from pipelines.errors import SymgraspError, errors_as_sentences
+from pipelines.network.weights_files import weights_config
 from pipelines.storage.checkpoints import load_weights, save_weights
 
 CONFIGS: dict[str, Any] = {"SymmetryGraspNet": NetworkConfig, "RegionDetector": DetectorConfig}
@@ -43,9 +43,8 @@ def _kind(path: Path, tensors: dict[str, torch.Tensor], metadata: dict[str, str]
         raise SymgraspError(f"{path} holds no network; give weights, such as NAME.safetensors")
     shapes = {name: each.shape for name, each in tensors.items()}
     config: Any = metadata.get("config")
-    if config is not None and metadata["model"] in CONFIGS:  # earlier versions name fewer settings
-        settings = json_object(path, config, "config")
-        config = from_settings(CONFIGS[metadata["model"]], settings, f"{path}: ")
+    if config is not None and metadata["model"] in CONFIGS:
+        config = weights_config(path, config, CONFIGS[metadata["model"]])
     return [shapes, metadata["model"], config, metadata.get("features")]
 
 

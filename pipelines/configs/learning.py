@@ -75,7 +75,7 @@ class NetworkConfig:
 
     input_frame: ReferenceFrame = choice("table", "Axes of the input points.", "D. 69")
     sees_camera: bool = choice(
-        False, "Add the direction to the camera at each point to the input.", "D. 140"
+        True, "Add the direction to the camera at each point to the input.", "D. 140, D. 152"
     )
     num_points: int = count(1500, "Input points of a region.", "Sec. III-G")
     feature_dim: int = count(128, "Features of a point.", "Sec. III-E")
@@ -172,9 +172,9 @@ class TrainConfig:
         "D. 1, D. 96, D. 113",
     )
     existence: ExistenceTarget = choice(
-        "listed",
+        "right",
         "Target of existence: listed, the symmetry is labelled; right, also predicted right.",
-        "D. 140",
+        "D. 140, D. 152",
     )
     use_siamese: bool = choice(
         True,

@@ -62,8 +62,10 @@ REMOVED: dict[str, dict[str, str]] = {
         "endless.scenery.depth_faults": NEVER_USED,
     },
 }
-# Settings that weights of earlier versions lack: their networks have the default.
-NOT_NAMED_BEFORE: dict[str, frozenset[str]] = {"NetworkConfig": frozenset({"pift", "sees_camera"})}
+# Settings that weights of earlier versions lack, with the values that their networks have.
+NOT_NAMED_BEFORE: dict[str, dict[str, object]] = {
+    "NetworkConfig": {"pift": "spread", "sees_camera": False}
+}
 # Earlier values -> current values, by the current name of the setting.
 RENAMED_VALUES: dict[str, dict[str, dict[str, str]]] = {
     "InferConfig": {"selection.ranking.by": {"judge": "critic"}}

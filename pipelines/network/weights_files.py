@@ -38,14 +38,24 @@ def read_weights(
     found = metadata.get("model", "no known network")
     if found != model or "config" not in metadata:
         raise FormatError(path, f"holds {found}", f"weights of {model} are expected")
-    settings = json_object(path, metadata["config"], "config")
+    return tensors, weights_config(path, metadata["config"], config_type)
+
+
+def weights_config(path: Path, config: str, config_type: type[Config]) -> Config:
+    """Return the settings of a network from `config`, the metadata of the weights of `path`.
+
+    Raises:
+        FormatError: some settings are missing.
+        UnknownNameError, SettingError: it has unknown settings, as a later version may write.
+    """
+    unnamed = NOT_NAMED_BEFORE.get(config_type.__name__, {})
+    settings = {**unnamed, **json_object(path, config, "config")}
     needed = {field.name for field in dataclasses.fields(config_type)}  # type: ignore[arg-type]
-    needed -= NOT_NAMED_BEFORE.get(config_type.__name__, frozenset())
     if needed - set(settings):
         missing = ", ".join(sorted(needed - set(settings)))
         expected = "an earlier version made it; train it again with this one"
         raise FormatError(path, f"lacks the settings {missing}", expected)
-    return tensors, from_settings(config_type, settings, f"{path}: ")
+    return from_settings(config_type, settings, f"{path}: ")
 
 
 def fill(module: nn.Module, tensors: dict[str, Tensor], path: Path) -> None:

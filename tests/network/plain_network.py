@@ -31,7 +31,10 @@ class PlainNetwork:
     use_pift: bool = True
 
     def __call__(self, clouds: Tensor) -> Prediction:
-        """Return predictions (B, N, ...) at points (B, N, 3), metres; the table is unknown."""
+        """Return predictions (B, N, ...) at points (B, N, 3), metres.
+
+        Table and camera are unknown: the height is 0, the camera at the origin.
+        """
         features = torch.stack([self._features(cloud * UNITS_PER_METER) for cloud in clouds])
         affordance, existence, center, direction = self._heads(features)
         if self.use_pift and self.config.canonical_frame:
@@ -47,8 +50,12 @@ class PlainNetwork:
         return Prediction(features, affordance, existence, center, direction)
 
     def _first(self, points: Tensor) -> Tensor:
-        unknown = points.new_zeros(len(points), 1)  # heights
-        return torch.cat([points, unknown], 1) if self.config.input_frame == "table" else points
+        inputs = [points]
+        if self.config.input_frame == "table":
+            inputs.append(points.new_zeros(len(points), 1))  # heights
+        if self.config.sees_camera:
+            inputs.append(functional.normalize(-points, dim=-1))
+        return torch.cat(inputs, 1)
 
     def _features(self, points: Tensor) -> Tensor:
         first = self._first(points)

@@ -60,9 +60,10 @@ def assert_alike(one, other, points, **tolerance):
         torch.testing.assert_close(found, expected, **tolerance)
 
 
+@pytest.mark.parametrize("sees_camera", [False, True])
 @pytest.mark.parametrize("canonical", [False, True])
-def test_the_network_gives_the_output_of_the_equations(canonical):
-    config = replace(SMALL, canonical_frame=canonical)
+def test_the_network_gives_the_output_of_the_equations(canonical, sees_camera):
+    config = replace(SMALL, canonical_frame=canonical, sees_camera=sees_camera)
     network = learned(config)
     assert_alike(network, PlainNetwork(network.state_dict(), config), clouds(3, 160))
 
@@ -86,7 +87,7 @@ def test_the_network_is_plain_pointnet2_before_training():
 def test_each_level_keeps_points_of_the_cloud():
     network = learned(SMALL)
     points = clouds(2, 160) * 10.0
-    level = (points, torch.cat([points, torch.zeros_like(points[..., :1])], -1))
+    level = (points, torch.cat([points, points.new_zeros(2, 160, 4)], -1))  # height, direction
     for i in range(4):
         level = network._abstract(i, *level, network._deformation(i, *level))
         assert torch.cdist(level[0], points).amin(-1).amax() < 1e-6

@@ -221,10 +221,12 @@ def test_a_network_starts_from_given_weights(tmp_path):
     assert not all(torch.equal(found[name], start[name]) for name in found)
 
 
+BLIND = replace(CONFIG, network=replace(CONFIG.network, sees_camera=False))
+
+
 def test_a_network_that_sees_the_camera_begins_as_one_that_does_not(tmp_path):
-    path = weights_of(tmp_path / "w.safetensors", CONFIG.network)
-    sees = replace(CONFIG, network=replace(CONFIG.network, sees_camera=True))
-    narrow, wide = (train.build(each, 0, path).eval() for each in (CONFIG, sees))
+    path = weights_of(tmp_path / "w.safetensors", BLIND.network)
+    narrow, wide = (train.build(each, 0, path).eval() for each in (BLIND, CONFIG))
     torch.manual_seed(0)
     points, camera = 0.05 * torch.randn(2, CONFIG.network.num_points, 3), torch.randn(2, 3)
     with torch.no_grad():
@@ -234,20 +236,18 @@ def test_a_network_that_sees_the_camera_begins_as_one_that_does_not(tmp_path):
 
 
 def test_truncated_weights_are_not_filled_up_for_a_network_that_sees_the_camera(tmp_path):
-    path = weights_of(tmp_path / "w.safetensors", CONFIG.network)
+    path = weights_of(tmp_path / "w.safetensors", BLIND.network)
     tensors, metadata = load_weights(path)
     name = max(tensors, key=lambda each: tensors[each].numel())
     save_weights(path, tensors | {name: tensors[name][..., :-1].contiguous()}, metadata)
-    sees = replace(CONFIG, network=replace(CONFIG.network, sees_camera=True))
     with pytest.raises(FormatError, match="do not fit the network"):
-        train.build(sees, 0, path)
+        train.build(CONFIG, 0, path)
 
 
 def test_weights_of_a_network_that_sees_the_camera_start_no_network_that_does_not(tmp_path):
-    seen = replace(CONFIG.network, sees_camera=True)
-    path = weights_of(tmp_path / "w.safetensors", seen)
+    path = weights_of(tmp_path / "w.safetensors", CONFIG.network)
     with pytest.raises(FormatError, match="sees_camera=True; sees_camera=False is requested"):
-        train.build(CONFIG, 0, path)
+        train.build(BLIND, 0, path)
 
 
 def test_weights_of_a_network_with_other_settings_are_refused(tmp_path):

@@ -1,5 +1,6 @@
 """The mean of the weights of several networks."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,8 @@ import torch
 
 from pipelines.configs import NetworkConfig
 from pipelines.errors import SymgraspError
-from pipelines.inference.models import NETWORK_WEIGHTS, PLANE_CRITIC_WEIGHTS
+from pipelines.inference.models import PLANE_CRITIC_WEIGHTS
+from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.weights_files import weights_metadata
 from pipelines.storage.checkpoints import load_arrays, load_weights, save_weights
 from tools.average_weights import average_weights
@@ -35,16 +37,20 @@ def test_the_mean_of_the_same_weights_is_these_weights(tmp_path):
 
 
 def test_weights_of_an_earlier_version_are_averaged_with_new_ones(tmp_path):
-    tensors, metadata = load_weights(NETWORK_WEIGHTS)
-    assert "sees_camera" not in metadata["config"]
-    further, out = tmp_path / "further.safetensors", tmp_path / "mean.safetensors"
+    torch.manual_seed(0)
+    blind = replace(NetworkConfig(), sees_camera=False)
+    tensors = SymmetryGraspNet(blind).state_dict()
+    before, further, out = (tmp_path / f"{name}.safetensors" for name in ("a", "b", "mean"))
+    metadata = weights_metadata("SymmetryGraspNet", blind)
+    unnamed = json.loads(metadata["config"])
+    del unnamed["sees_camera"]  # earlier versions did not have the setting
+    save_weights(before, tensors, {**metadata, "config": json.dumps(unnamed)})
+    save_weights(further, tensors, metadata)
+    average_weights([before, further], out)
+    assert json.loads(load_weights(out)[1]["config"]) == unnamed
     save_weights(further, tensors, weights_metadata("SymmetryGraspNet", NetworkConfig()))
-    average_weights([NETWORK_WEIGHTS, further], out)
-    assert load_weights(out)[1]["config"] == metadata["config"]
-    other = replace(NetworkConfig(), sees_camera=True)
-    save_weights(further, tensors, weights_metadata("SymmetryGraspNet", other))
     with pytest.raises(SymgraspError, match="holds a network of another kind"):
-        average_weights([NETWORK_WEIGHTS, further], out)
+        average_weights([before, further], out)
 
 
 def test_a_checkpoint_is_refused(tmp_path):

@@ -53,8 +53,9 @@ def test_the_figures_are_of_the_symmetries_that_infer_proposes():
     (region,) = predicted_regions([cloud], None, predictor)
     middle = region.cloud.points.mean(0)
     centered = torch.from_numpy(region.cloud.points - middle).float()[None]
+    camera = torch.from_numpy(-middle).float()[None]
     with torch.no_grad():  # at all points, as in the training
-        means = mean_symmetries(predictor.network(centered))
+        means = mean_symmetries(predictor.network(centered, camera=camera))
     existence, point, direction = (each[0].numpy() for each in means)
     assert_allclose(existence, region.slots.probability, atol=1e-5)
     assert_allclose(point + middle, region.slots.point, atol=1e-5)

@@ -13,6 +13,7 @@ from pipelines.network.training.region_batch import RegionBatch
 from tests.network.toy_regions import toy_batch
 
 CONFIG = TrainConfig()
+LISTED = TrainConfig(existence="listed")
 
 
 def parameter_loss(prediction, truth, points):
@@ -105,14 +106,14 @@ def test_regions_without_labels_do_not_change_the_loss(row):
     other = replace(truth, existence=truth.existence.clone(), affordance=unlike)
     other.existence[row] = 1.0 - other.existence[row]
     first, second = (
-        losses.total_loss(prediction, each, None, CONFIG, points, labelled)
+        losses.total_loss(prediction, each, None, LISTED, points, labelled)
         for each in (truth, other)
     )
     torch.testing.assert_close(first["existence"], second["existence"])
     torch.testing.assert_close(first["parameters"], second["parameters"])
     torch.testing.assert_close(first["affordance"], second["affordance"])
     every, changed = (
-        losses.total_loss(prediction, each, None, CONFIG, points) for each in (truth, other)
+        losses.total_loss(prediction, each, None, LISTED, points) for each in (truth, other)
     )
     for name in ("existence", "parameters", "affordance"):
         assert every[name] != changed[name], name
@@ -256,20 +257,18 @@ def test_a_sphere_is_right_within_the_same_share_of_its_size_as_other_symmetries
     found = perfect_prediction(truth)
     center = torch.zeros_like(found.center)
     center[..., SPHERE_SLOT, 0] = share * 0.04
-    asks = replace(CONFIG, existence="right")
-    terms = losses.total_loss(replace(found, center=center), truth, None, asks, points)
+    terms = losses.total_loss(replace(found, center=center), truth, None, CONFIG, points)
     assert (float(terms["existence"]) < 1.0) is is_right
 
 
 def test_existence_may_need_a_right_prediction_in_addition_to_a_listed_symmetry():
     truth, right = toy_batch(1, 40), perfect_prediction(toy_batch(1, 40))  # a box
     wrong = replace(right, center=right.center + 0.05)
-    asks = replace(CONFIG, existence="right")
 
     def existence(prediction, config):
         terms = losses.total_loss(prediction, truth, None, config, truth.points[:, :16])
         return float(terms["existence"])
 
-    assert existence(right, asks) == pytest.approx(existence(right, CONFIG), abs=1e-4)
-    assert existence(wrong, CONFIG) < 0.1
-    assert existence(wrong, asks) > 5.0
+    assert existence(right, CONFIG) == pytest.approx(existence(right, LISTED), abs=1e-4)
+    assert existence(wrong, LISTED) < 0.1
+    assert existence(wrong, CONFIG) > 5.0

@@ -25,6 +25,7 @@ SHARED_MEMORY = Path("/dev/shm")
 SHOW_CURSOR = "\x1b[?25h"  # a progress bar hides it
 
 _farewell = "the same command continues from here"
+_put_off: list[int] | None = None  # signals that came while a worker starts
 _temporary: set[Path] = set()
 _lock = threading.RLock()  # a handler may interrupt the main thread while it holds it
 
@@ -102,8 +103,14 @@ def signal_handlers_kept() -> Iterator[None]:
                 signal.signal(number, handler)
 
 
-def end_by_signal(number: int, _frame: object = None) -> NoReturn:
-    """End this process at once with the exit code of a signal, and print a sentence."""
+def end_by_signal(number: int, _frame: object = None) -> None:
+    """End this process at once with the exit code of a signal, and print a sentence.
+
+    A process that starts a worker goes on until the worker has started.
+    """
+    if _put_off is not None:
+        _put_off.append(number)
+        return
     if os.environ.get("RANK", "0") == "0":  # of torchrun's processes only the first prints
         shown = SHOW_CURSOR if os.isatty(2) else ""
         name = signal.Signals(number).name
@@ -119,8 +126,13 @@ def _say(text: str) -> None:
 
 
 @contextmanager
-def ctrl_c_put_off() -> Iterator[None]:
-    """Block SIGINT in this thread and in the workers that it starts, until they begin."""
+def signals_put_off() -> Iterator[None]:
+    """Put off the end by a signal until the context ends, in which workers start.
+
+    A worker whose parent ends before it has got its task prints a traceback. SIGINT is blocked in
+    the workers until they begin.
+    """
+    global _put_off  # noqa: PLW0603 - one process has one end
     if sys.platform == "win32":
         yield
         return
@@ -128,17 +140,21 @@ def ctrl_c_put_off() -> Iterator[None]:
 
     resource_tracker.ensure_running()  # its later start would unblock SIGINT
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    _put_off = came = list[int]()
     try:
         yield
     finally:
+        _put_off = None
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if came:
+            end_by_signal(came[0])
 
 
 def begin_worker(parent: int) -> None:
     """Let this worker process end with `parent`, and leave Ctrl-C to the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda number, _frame: end(128 + number))
-    if sys.platform != "win32":  # `ctrl_c_put_off` has blocked SIGINT
+    if sys.platform != "win32":  # `signals_put_off` has blocked SIGINT
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     end_with_parent(parent)
 

@@ -22,9 +22,9 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from pipelines.ending import (
     begin_worker,
-    ctrl_c_put_off,
     remove_joblib_folders,
     signal_handlers_kept,
+    signals_put_off,
 )
 from pipelines.errors import SymgraspError, UnknownNameError
 from pipelines.runtime.ray_watch import ended_with_owner
@@ -73,16 +73,16 @@ def workers_of(backend: str, workers: int) -> Iterator[RunTasks]:
     others = set(threading.enumerate())
     if backend == "dask":
         with _dask(workers), parallel_config(backend="dask"):
-            yield _parallel_run(return_as="generator")
+            yield _parallel_run()
     elif backend == "ray":
         with _ray(workers), parallel_config(backend="ray", n_jobs=workers):
-            yield _parallel_run()  # its pool returns no result before all are done
+            yield Parallel()  # its pool returns no result before all are done
     else:
         try:
             remove_joblib_folders(lambda process: not is_running(process))
             begin = _beginning() if backend == "loky" else {}
             with _huge_pages(), parallel_config(backend, n_jobs=workers, **begin):
-                yield _parallel_run(return_as="generator")
+                yield _parallel_run()
         except TerminatedWorkerError as error:
             raise WorkerEndedError from error
         finally:
@@ -96,7 +96,7 @@ def one_by_one(step: Callable[[T], R], items: Iterable[T]) -> Iterator[R | None]
     """
     try:
         for item in items:
-            with _huge_pages(), ctrl_c_put_off():
+            with _huge_pages(), signals_put_off():
                 result = get_reusable_executor(1, **_beginning()).submit(step, item)
             try:
                 yield result.result()
@@ -116,12 +116,12 @@ def _begin_worker(parent: int) -> None:
     process_executor._MAX_MEMORY_LEAK_SIZE = math.inf
 
 
-def _parallel_run(**options: str) -> RunTasks:
+def _parallel_run() -> RunTasks:
     """Return a function that calls joblib's `Parallel`, which starts workers at the first tasks."""
-    parallel = Parallel(**options)
+    parallel = Parallel(return_as="generator")
 
     def run(tasks: Iterable[Any]) -> Iterator[Any]:
-        with ctrl_c_put_off():
+        with signals_put_off():
             results: Iterator[Any] = parallel(tasks)
         return results
 

@@ -3,7 +3,7 @@
 import threading
 import time
 from types import FrameType
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import uvicorn
 
@@ -54,6 +54,6 @@ class GraspServer(uvicorn.Server):
                 connection.transport.close()
         return await super().on_tick(counter)
 
-    def _cut_off(self, number: int) -> NoReturn:
+    def _cut_off(self, number: int) -> None:
         set_farewell(f"frames in progress that take over {self._grace} s are lost")
         end_by_signal(number)

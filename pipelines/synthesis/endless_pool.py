@@ -14,7 +14,7 @@ import cv2
 
 from pipelines.configs import EndlessConfig
 from pipelines.dataset.training.packed_regions import PackedRegion
-from pipelines.ending import begin_worker, ctrl_c_put_off
+from pipelines.ending import begin_worker, signals_put_off
 from pipelines.errors import SymgraspError
 from pipelines.synthesis.endless import EndlessScenes
 
@@ -86,7 +86,7 @@ class EndlessPool:
             raise SymgraspError("no scene is rendered after the end of the training")
         for number in numbers:
             if number not in self._futures:
-                with ctrl_c_put_off():
+                with signals_put_off():
                     self._futures[number] = self._pool.submit(_regions, number)
 
 

@@ -161,6 +161,35 @@ def test_workers_end_with_a_command_that_is_ended_before_they_have_begun(frames,
     assert not left
 
 
+HALF_STARTED = """
+import os, signal, sys, threading, time
+from joblib import delayed
+from joblib.externals.loky.backend import fork_exec
+from pipelines.ending import end_on_signals
+from pipelines.runtime.clusters import workers_of
+end_on_signals()
+threading.Thread(target=time.sleep, args=(600,), daemon=True).start()  # as that of a progress bar
+start = fork_exec.fork_exec
+def interrupted(*args, **names):
+    worker = start(*args, **names)
+    os.kill(os.getpid(), int(sys.argv[1]))
+    return worker
+fork_exec.fork_exec = interrupted
+with workers_of("loky", 2) as run:
+    list(run(delayed(time.sleep)(600) for _ in range(2)))
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no such signals")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_while_a_worker_starts_ends_the_run_without_a_traceback_of_the_worker(number):
+    command = [sys.executable, "-c", HALF_STARTED, str(int(number))]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    assert ended.returncode == 128 + number
+    assert "stopped by" in ended.stderr
+    assert "Traceback" not in ended.stdout
+
+
 PARENT = """
 import os, sys, time
 from joblib import delayed

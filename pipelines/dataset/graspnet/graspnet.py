@@ -11,6 +11,7 @@ and, written by our own stages, ROOT/{symmetry,regions}/NNN.json and ROOT/afford
 A root may have only some of the cameras, splits and frames; only existing ones are listed.
 """
 
+import logging
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -34,6 +35,8 @@ from pipelines.frames.rgbd import DepthUnits, Frame, read_depth, read_pair
 from pipelines.geometry.camera import Intrinsics
 from pipelines.storage.images import read_image, write_image
 from pipelines.storage.unfinished import refuse_unfinished
+
+log = logging.getLogger(__name__)
 
 ORIGIN_OF_ROOTS = "roots are those of GraspNet-1Billion, or made by `symgrasp synthesize`"
 DEPTH_SCALE = 1000.0  # depth units per metre
@@ -77,8 +80,7 @@ class GraspNetRoot:
         """Return the scene as seen by `camera`; by its first camera if None."""
         present = self.cameras(scene_id)
         if not present:
-            folder = self.scene_folder(scene_id)
-            raise SymgraspError(f"{folder} has no folder {' or '.join(CAMERAS)}; {ORIGIN_OF_ROOTS}")
+            raise SymgraspError(f"{self._without_cameras(scene_id)}; {ORIGIN_OF_ROOTS}")
         camera = camera or present[0]
         if camera not in present:
             raise UnknownNameError(f"camera of scene {scene_id}", camera, present)
@@ -94,12 +96,15 @@ class GraspNetRoot:
         ]
 
     def chosen_scenes(self, camera: str | None, split: str | None) -> list[SceneFiles]:
-        """Return the scenes as `scenes` does.
+        """Return the scenes as `scenes` does; warn of those that have lost their cameras.
 
         Raises:
             SymgraspError: there are no scenes.
         """
         scenes = self.scenes(camera, split)
+        for scene_id in self.scene_ids(split):
+            if not self.cameras(scene_id):
+                log.warning("%s, so it is left out", self._without_cameras(scene_id))
         if not scenes:
             wanted = f"{split} scene" if split else "scene"
             wanted += f" seen by {camera}" if camera else ""
@@ -175,6 +180,9 @@ class GraspNetRoot:
         color, depth = frame.path("rgb"), frame.path("depth")
         found = read_pair(color, depth, self._camera_file(frame), DEPTH_UNITS)
         return replace(found, name=frame.name)
+
+    def _without_cameras(self, scene_id: int) -> str:
+        return f"{self.scene_folder(scene_id)} has no folder {' or '.join(CAMERAS)}"
 
     def _camera_file(self, frame: FrameFiles) -> CameraFile:
         return read_camera_file(frame.camera_folder / "camK.npy", frame.path("depth").stem)

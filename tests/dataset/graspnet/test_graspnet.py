@@ -134,6 +134,17 @@ def test_missing_parts_are_reported_in_one_sentence(root: GraspNetRoot) -> None:
         GraspNetRoot(root.root / "none").object_ids()
 
 
+@pytest.mark.parametrize("camera", [None, "realsense"])
+def test_a_scene_without_cameras_is_left_out_with_a_warning(
+    root: GraspNetRoot, camera: str | None, caplog: pytest.LogCaptureFixture
+) -> None:
+    (root.scene_folder(0) / "realsense").rename(root.root / "lost")
+    assert [scene.scene_id for scene in root.chosen_scenes(camera, None)] == [130]
+    assert caplog.messages == [
+        f"{root.scene_folder(0)} has no folder kinect or realsense, so it is left out"
+    ]
+
+
 def test_a_colour_picture_is_refused_as_label(root: GraspNetRoot) -> None:
     frame = root.scene(0).frame(0)
     write_image(frame.path("label"), np.zeros((48, 64, 3), np.uint8))

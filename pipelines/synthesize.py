@@ -43,7 +43,7 @@ from pipelines.synthesis.objects.own_models import OwnModel, own_models, refuse_
 from pipelines.synthesis.objects.pools import POOLS_OF_FAMILIES, make_object
 from pipelines.synthesis.objects.shown_objects import refuse_to_replace_shown
 from pipelines.synthesis.scenes.cameras import MIXED, camera_folder
-from pipelines.synthesis.scenes.scene_files import write_scene
+from pipelines.synthesis.scenes.scene_files import files_of_scene, write_scene
 from pipelines.synthesis.scenes.tables import check_object_counts
 
 STAGE = "synthesize"
@@ -241,7 +241,8 @@ class _PlannedRoot:
             for scene_id in scenes_of_split(split)[: self.config.scenes_per_split]:
                 target = self.files.scene_folder(scene_id)
                 arguments = (self.files, scene_id, members)
-                items.append(WorkItem(f"scene {scene_id:04d}", target, stamp, arguments))
+                files = files_of_scene(self.files, scene_id, self.config, self.seed)
+                items.append(WorkItem(f"scene {scene_id:04d}", target, stamp, arguments, files))
         return items
 
 

@@ -119,6 +119,22 @@ def test_a_second_run_redoes_nothing_and_a_lost_scene_comes_back_the_same(root):
     assert (color.read_bytes(), depth.read_bytes()) == before
 
 
+@pytest.mark.parametrize(
+    "name",
+    [
+        "scenes/scene_0160/object_id_list.txt",
+        "scenes/scene_0160/realsense/camK.npy",
+        "scenes/scene_0160/realsense/meta/0001.mat",
+        "collision_label/scene_0160/collision_labels.npz",
+    ],
+)
+def test_a_scene_that_has_lost_a_file_is_made_again(root, name):
+    before = (root / name).read_bytes()
+    (root / name).unlink()
+    assert synthesize.run(root, CONFIG, QUIET, seed=4).done == ["scene 0160"]
+    assert (root / name).read_bytes() == before
+
+
 def test_surroundings_are_written_with_the_scene_and_read_as_obstacles(tmp_path):
     scenery = SceneryConfig(surroundings=("bin",), robot_hands=0.5)
     config = replace(CONFIG, splits=("train",), scenery=scenery)

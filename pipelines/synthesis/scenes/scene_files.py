@@ -17,8 +17,13 @@ from pipelines.dataset.graspnet.graspnet_labels import (
     write_collision_labels,
     write_rect,
 )
-from pipelines.dataset.graspnet.graspnet_layout import SURROUNDINGS_FILE
+from pipelines.dataset.graspnet.graspnet_layout import (
+    IMAGE_KINDS,
+    SURROUNDINGS_FILE,
+    SceneFiles,
+)
 from pipelines.dataset.meshes import read_mesh
+from pipelines.dataset.scene_digests import CAMERA_FILES, POSES
 from pipelines.errors import SymgraspError, counted
 from pipelines.frames.graspnet_scene import (
     ObjectPose,
@@ -47,6 +52,21 @@ from pipelines.synthesis.scenes.tables import SceneLayout, SceneObject, View, dr
 TAG_SCENE, TAG_SENSOR = 2, 4  # purposes of child seeds
 
 
+def files_of_scene(
+    root: GraspNetRoot, scene_id: int, config: SynthesizeConfig, seed: int
+) -> tuple[Path, ...]:
+    """Return the files without which scene `scene_id` is not whole."""
+    camera = camera_folder(_sensor_of(config, scene_id, seed))
+    scene = SceneFiles(root.scene_folder(scene_id), scene_id, camera)
+    frames = [scene.frame(frame_id) for frame_id in range(config.views)]
+    found = [frame.path(kind) for frame in frames for kind in (*IMAGE_KINDS, *POSES)]
+    found += [scene.camera_folder / name for name in CAMERA_FILES]
+    found.append(scene.folder / "object_id_list.txt")
+    if _has_collision_labels(config):
+        found.append(root.collision_label_path(scene_id))
+    return tuple(found)
+
+
 def write_scene(
     root: GraspNetRoot,
     scene_id: int,
@@ -63,9 +83,8 @@ def write_scene(
     viewpoints = drawn_viewpoints(
         layout.center, config.views, intrinsics, rng, around.arc, around.elevations
     )
-    labelled = config.collision_labels and config.labels.num_points > 0
     free: list[LabelledGrasps] = []
-    if labelled:
+    if _has_collision_labels(config):
         free = _write_collisions(root, scene_id, layout, stamp)
     else:  # earlier labels belong to the scene that this one replaces
         remove_stamped(root.collision_label_path(scene_id))
@@ -99,6 +118,10 @@ def write_views(
     write_pose_array(camera / "cam0_wrt_table.npy", viewpoints[0])
     for frame_id, view in enumerate(views):
         _write_view(camera, frame_id, view, layout, intrinsics, free)
+
+
+def _has_collision_labels(config: SynthesizeConfig) -> bool:
+    return config.collision_labels and config.labels.num_points > 0
 
 
 def _sensor_of(config: SynthesizeConfig, scene_id: int, seed: int) -> str:

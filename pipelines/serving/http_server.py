@@ -1,5 +1,6 @@
 """The HTTP server: uvicorn with a grace period, and with an end of silent connections."""
 
+import asyncio
 import threading
 import time
 from types import FrameType
@@ -12,10 +13,13 @@ from pipelines.ending import end_by_signal, set_farewell
 from pipelines.serving.http_app import LONGEST_SILENCE
 
 if TYPE_CHECKING:
+    from socket import socket
+
     from fastapi import FastAPI
 
 # A process may usually have 1,024 files open, and without a free one no client is accepted.
 MOST_CONNECTIONS = 512
+LAST_UPLOADS = 2.0  # seconds for the rest of a body when the server ends
 
 
 class GraspServer(uvicorn.Server):
@@ -53,6 +57,16 @@ class GraspServer(uvicorn.Server):
             if place < too_many or now - since > LONGEST_SILENCE:
                 connection.transport.close()
         return await super().on_tick(counter)
+
+    async def shutdown(self, sockets: "list[socket] | None" = None) -> None:
+        """Answer the posts that are complete, or soon will be, and close all connections."""
+        asyncio.get_running_loop().call_later(LAST_UPLOADS, self._close_uploads)
+        await super().shutdown(sockets)
+
+    def _close_uploads(self) -> None:
+        for each in list(self.server_state.connections):
+            if getattr(getattr(each, "cycle", None), "more_body", False):
+                each.transport.close()
 
     def _cut_off(self, number: int) -> None:
         set_farewell(f"frames in progress that take over {self._grace} s are lost")

@@ -465,6 +465,19 @@ def test_a_connection_without_a_request_ends(begun, monkeypatch):
         assert ends_by_the_server(silent)
 
 
+def test_a_half_sent_post_does_not_delay_the_end(monkeypatch):
+    monkeypatch.setattr(http_server, "LAST_UPLOADS", 0.1)
+    head = "POST /grasps HTTP/1.1\r\nHost: x\r\nContent-Type: application/json\r\n"
+    with ExitStack() as outlasting:
+        with served(None) as port:
+            uploading = socket.create_connection(("127.0.0.1", port))
+            outlasting.enter_context(uploading)
+            uploading.sendall(f"{head}Content-Length: 100\r\n\r\n{{".encode())
+            while not counts_at(port)["waiting"]:
+                time.sleep(0.01)
+        assert ends_by_the_server(uploading)
+
+
 def test_of_too_many_connections_those_that_are_silent_for_longest_end(monkeypatch):
     monkeypatch.setattr(http_server, "MOST_CONNECTIONS", 3)
     detect = HeldDetector()

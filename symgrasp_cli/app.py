@@ -23,6 +23,7 @@ from symgrasp_cli.inspect_frames import inspect
 from symgrasp_cli.label_grasps import label_grasps
 from symgrasp_cli.pack import pack
 from symgrasp_cli.refine_grasps import refine_grasps
+from symgrasp_cli.report import failure_as_json
 from symgrasp_cli.score_grasps import score_grasps
 from symgrasp_cli.serve import serve
 from symgrasp_cli.simulate import simulate
@@ -81,10 +82,16 @@ class SymgraspGroup(TyperGroup):
         """Return the commands in workflow order."""
         return list(self.commands)
 
+    def parse_args(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 - click's or typer's own
+        """Keep the arguments for `invoke`, and parse them."""
+        ctx.obj = tuple(args)
+        return super().parse_args(ctx, args)
+
     def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 - click's or typer's own
         """Run the command inside the error boundary."""
         try:
-            return super().invoke(ctx)
+            with failure_as_json(ctx.obj):
+                return super().invoke(ctx)
         except SymgraspError as error:
             typer.echo(f"error: {error}", err=True)
             raise typer.Exit(error.exit_code) from error

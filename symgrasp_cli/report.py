@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from pipelines.runtime.batch import StageReport
 
 UNBOUND = 10_000  # characters: the width of a table without a limit
+USAGE_ERROR: Any = typer.BadParameter.__base__  # click's or typer's own
 
 
 @dataclass(frozen=True)
@@ -52,14 +53,16 @@ def reporting_in(style: ReportStyle) -> Iterator[None]:
 
 
 @contextmanager
-def failure_as_json(command: str) -> Iterator[None]:
-    """Print an error that ends the command as JSON, if the user wants JSON."""
+def failure_as_json(arguments: Sequence[str]) -> Iterator[None]:
+    """Print an error that ends the command as JSON, if its `arguments` ask for JSON."""
     try:
         yield
-    except (SymgraspError, OSError) as error:
-        if report_style().as_json:
-            answer = {"command": command, "ok": False, "error": error_sentence(error)}
-            typer.echo(json.dumps(answer))
+    except (SymgraspError, OSError, USAGE_ERROR) as error:
+        if "--json" in arguments:
+            command = next((each for each in arguments if not each.startswith("-")), None)
+            of_usage = getattr(error, "format_message", None)
+            sentence = of_usage() if of_usage else error_sentence(error)
+            typer.echo(json.dumps({"command": command, "ok": False, "error": sentence}))
         raise
 
 

@@ -24,7 +24,7 @@ from pipelines.configs.toml_files import read_toml
 from pipelines.errors import SettingError
 from symgrasp_cli.arguments import arguments_of, options_of
 from symgrasp_cli.options import AsJson, Quiet
-from symgrasp_cli.report import ReportStyle, failure_as_json, reporting_in
+from symgrasp_cli.report import ReportStyle, reporting_in
 
 Command = Callable[..., None]
 Config = TypeVar("Config")
@@ -164,7 +164,7 @@ def with_settings(
             preset = values.pop("preset", None)
             style = ReportStyle(values.pop("as_json"), values.pop("quiet"))
             given = _options_given(context, made, values)
-            with reporting_in(style), failure_as_json(stage):
+            with reporting_in(style):
                 by_command = _by_command(composite or {}, values)
                 chosen = settings_chosen(stage, file, given, assignments or (), preset, by_command)
                 command(config=chosen, **arguments_of(own, values))

@@ -67,7 +67,10 @@ def _fitted_tuple(
     if len(value) < declaration.fewest:
         expected = f"{expectation(declared, declaration)}; at least {declaration.fewest}"
         raise SettingError(name, "an empty list", expected)
-    return tuple(fitted(each, kinds[0], name, declaration) for each in value)
+    try:
+        return tuple(fitted(each, kinds[0], name, declaration) for each in value)
+    except SettingError:
+        raise SettingError(name, value, expectation(declared, declaration)) from None
 
 
 def read_text_value(text: str, declared: Any) -> object:  # noqa: ANN401 - a type

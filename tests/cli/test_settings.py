@@ -83,6 +83,13 @@ def test_wrong_settings_are_reported_in_one_sentence(
     assert sentence in " ".join(result.stderr.split())
 
 
+def test_a_text_that_is_no_list_is_reported_with_the_form_of_a_list(tmp_path):
+    result = run("workspace", str(tmp_path), "--workspace", "nope.png")
+    assert result.exit_code == 2
+    expected = "--workspace is ['nope.png']; it must be a list, of each a number in m"
+    assert expected in " ".join(result.stderr.split())
+
+
 @pytest.mark.parametrize("stage", STAGE_SETTINGS)
 def test_config_prints_a_file_that_changes_nothing(stage, tmp_path):
     printed = run("config", stage).stdout

@@ -1,11 +1,15 @@
 """Options that several commands share."""
 
+import re
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from pipelines.errors import UnknownNameError
+
 LARGEST_SEED = 2**63 - 1
+DEVICE = re.compile("auto|cpu|cuda(:[0-9]+)?")
 RUNNING, READING, REPORT = "Running", "Reading frames", "Report"  # panels of help
 
 
@@ -13,6 +17,12 @@ def _check_seed(seed: int) -> int:
     if not 0 <= seed <= LARGEST_SEED:
         raise typer.BadParameter(f"{seed} is not from 0 to {LARGEST_SEED}")
     return seed
+
+
+def _check_device(name: str) -> str:
+    if not DEVICE.fullmatch(name):  # whether there is such a GPU is seen where a network runs
+        raise UnknownNameError("--device", name, ["auto", "cpu", "cuda", "cuda:N"])
+    return name
 
 
 def _running(help_text: str, *names: str, **options: Any) -> Any:  # noqa: ANN401 - typer's own
@@ -53,6 +63,7 @@ Device = Annotated[
         "auto, cpu, cuda or cuda:N; auto takes a GPU if there is one.",
         metavar="NAME",
         envvar="SYMGRASP_DEVICE",
+        callback=_check_device,
     ),
 ]
 Resume = Annotated[bool, _running("Continue an unfinished training.", "--resume")]

@@ -170,6 +170,8 @@ def test_an_input_that_does_not_exist_is_wrong_usage(command, tmp_path, monkeypa
         ["--regions", "foo"],
         ["--gripper", "nohand"],
         ["--backend", "foo"],
+        ["--regions", "geometric", "--device", "foo"],
+        ["--regions", "geometric", "--device", "cpu:1"],
         ["--masks", "no/folder"],
         ["--workspace-frame", "table"],
     ],

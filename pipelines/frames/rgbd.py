@@ -205,7 +205,7 @@ def _metres(path: Path, stored: NDArray[Any], units: DepthUnits) -> tuple[Single
     stored = one_channel(path, stored)
     is_float = stored.dtype.kind == "f"
     with np.errstate(over="ignore"):  # too large for float32 is infinite, hence missing
-        values = stored.astype(np.float32)
+        values = stored.astype(np.float32, order="C")
     valid = np.isfinite(values) & (values > 0)
     if not is_float:
         valid &= stored != MISSING_DEPTH

@@ -124,6 +124,11 @@ def test_pixels_without_a_valid_distance_are_missing_and_the_callers_array_does_
     np.testing.assert_array_equal(depth, before)
 
 
+def test_depth_in_columns_is_read_in_rows_for_which_the_loops_are_compiled():
+    for depth in (np.asfortranarray(DEPTH), np.rot90(np.rot90(DEPTH, 3).copy())):
+        assert frame_of(COLOR, depth, LENS).depth.flags.c_contiguous
+
+
 def test_masked_pixels_of_a_masked_array_are_missing():
     depth = np.ma.masked_array(DEPTH, np.arange(64) < np.full(SHAPE, 2))
     read = frame_of(COLOR, depth, LENS).depth

@@ -9,7 +9,7 @@ import typer
 from pipelines.errors import UnknownNameError
 
 LARGEST_SEED = 2**63 - 1
-DEVICE = re.compile("auto|cpu|cuda(:[0-9]+)?")
+DEVICE = re.compile("auto|cpu|cuda(:(0|[1-9][0-9]*))?")
 RUNNING, READING, REPORT = "Running", "Reading frames", "Report"  # panels of help
 
 

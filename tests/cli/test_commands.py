@@ -172,6 +172,7 @@ def test_an_input_that_does_not_exist_is_wrong_usage(command, tmp_path, monkeypa
         ["--backend", "foo"],
         ["--regions", "geometric", "--device", "foo"],
         ["--regions", "geometric", "--device", "cpu:1"],
+        ["--regions", "geometric", "--device", "cuda:01"],
         ["--masks", "no/folder"],
         ["--workspace-frame", "table"],
     ],

@@ -85,7 +85,8 @@ class SymgraspGroup(TyperGroup):
     def parse_args(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 - click's or typer's own
         """Keep the arguments for `invoke`, and parse them."""
         ctx.obj = tuple(args)
-        return super().parse_args(ctx, args)
+        with failure_as_json(ctx.obj):
+            return super().parse_args(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 - click's or typer's own
         """Run the command inside the error boundary."""

@@ -61,7 +61,7 @@ def failure_as_json(arguments: Sequence[str]) -> Iterator[None]:
         if "--json" in arguments:
             command = next((each for each in arguments if not each.startswith("-")), None)
             of_usage = getattr(error, "format_message", None)
-            sentence = of_usage() if of_usage else error_sentence(error)
+            sentence = " ".join(of_usage().split()) if of_usage else error_sentence(error)
             typer.echo(json.dumps({"command": command, "ok": False, "error": sentence}))
         raise
 

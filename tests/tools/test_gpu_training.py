@@ -138,9 +138,9 @@ def test_the_points_of_the_ring_come_in_random_order():
 
 
 def test_settings_equal_those_of_train():
-    config = train.train_config(None, ["network.sees_camera=true", "existence=right"])
-    assert config.network.sees_camera
-    assert config.existence == "right"
+    config = train.train_config(None, ["network.sees_camera=false", "existence=listed"])
+    assert not config.network.sees_camera
+    assert config.existence == "listed"
 
 
 def test_the_learning_rate_warms_up_and_falls_to_zero():
@@ -285,6 +285,18 @@ def test_rows_of_one_seed_learn_separately_from_the_same_regions(objects, monkey
     with torch.no_grad():
         loss = sample_loss(resumed.step.module.eval(), *samples, plans[0].config, CPU)["total"]
     assert compare_losses.mean_loss(path, plans[0], 2 * samples) == pytest.approx(float(loss))
+    seeing, other = (
+        train_together.RowPlan.of(f"full:{settings},network.{each}", Path("all.xz"), "paper")
+        for each in ("sees_camera=true", "canonical_frame=true")  # the same shapes with the second
+    )
+    assert train_together.TrainedRow.of(seeing, 0, ring, options).earlier == 2
+    assert compare_losses.mean_loss(path, seeing, samples) == pytest.approx(float(loss))
+    for begin in (
+        lambda: train_together.TrainedRow.of(other, 0, ring, options),
+        lambda: compare_losses.mean_loss(path, other, samples),
+    ):
+        with pytest.raises(FormatError, match="canonical_frame=True is requested"):
+            begin()
 
 
 class Worker:

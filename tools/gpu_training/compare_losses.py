@@ -15,8 +15,7 @@ import torch
 from pipelines.configs.presets import PRESETS
 from pipelines.errors import errors_as_sentences
 from pipelines.learning.grasp_network.grasp_training import Sample, sample_loss
-from pipelines.network.model import SymmetryGraspNet
-from pipelines.storage.checkpoints import load_weights
+from pipelines.train import build
 from tools.gpu_training.rendering import Renderers
 from tools.gpu_training.train import drawn_sample, first_regions, prepare_layers
 from tools.gpu_training.train_together import RowPlan, weights_path
@@ -24,9 +23,12 @@ from tools.gpu_training.train_together import RowPlan, weights_path
 
 @torch.no_grad()
 def mean_loss(path: Path, plan: RowPlan, samples: Sequence[Sample]) -> float:
-    """Return the mean loss over `samples` of the network with the weights at `path`."""
-    module = SymmetryGraspNet(plan.config.network).eval()
-    module.load_state_dict(load_weights(path)[0])
+    """Return the mean loss over `samples` of the network with the weights at `path`.
+
+    Raises:
+        FormatError: these are of a network with other settings, as `build` says.
+    """
+    module = build(plan.config, 0, path).eval()
     cpu = torch.device("cpu")
     losses = [float(sample_loss(module, each, plan.config, cpu)["total"]) for each in samples]
     return sum(losses) / len(losses)

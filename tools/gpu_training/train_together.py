@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import torch
-from torch import Tensor
 
 from pipelines.configs import TrainConfig
 from pipelines.configs.presets import PRESETS
@@ -26,6 +25,7 @@ from pipelines.learning.loop.loop import LOG_SECONDS
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.weights_files import weights_metadata
 from pipelines.storage.checkpoints import load_weights, save_weights
+from pipelines.train import build
 from tools.gpu_training.rendering import RegionRing, Renderers
 from tools.gpu_training.schedule import Schedule
 from tools.gpu_training.train import (
@@ -91,16 +91,19 @@ class TrainedRow:
     def of(
         cls, plan: RowPlan, seed: int, ring: RegionRing, options: argparse.Namespace
     ) -> "TrainedRow":
-        """Return a row with new weights, or with the weights of an earlier run."""
+        """Return a row with new weights, or with the weights of an earlier run.
+
+        Raises:
+            FormatError: these are of a network with other settings, as `build` says.
+        """
         name, objects, config = plan
         path = weights_path(options.out, name, seed)
-        weights, earlier = earlier_weights(path)
-        torch.manual_seed(seed + SEEDS_APART * earlier)
+        earlier = earlier_steps(path)
+        drawn = seed + SEEDS_APART * earlier
+        torch.manual_seed(drawn)
         first = drawn_sample(ring, config.batch_size, config)
         device = first.query.device
-        module = SymmetryGraspNet(config.network).to(device).train()
-        if weights:
-            module.load_state_dict(weights)
+        module = build(config, drawn, path if path.exists() else None).to(device).train()
         step = GraphStep(module, first, config, config.learning_rate, as_graph=options.graph)
         stream = torch.cuda.Stream() if device.type == "cuda" else None
         return cls(name, objects, seed, config, step, stream, earlier)
@@ -131,17 +134,15 @@ def weights_path(folder: Path, name: str, seed: int) -> Path:
     return folder / f"{name}_{seed}.safetensors"
 
 
-def earlier_weights(path: Path) -> tuple[dict[str, Tensor], int]:
-    """Return the weights at `path` and their number of steps; nothing and 0 without a file."""
-    weights, metadata = load_weights(path) if path.exists() else ({}, {})
-    return weights, int(metadata.get("steps", 0))
+def earlier_steps(path: Path) -> int:
+    """Return the number of steps of the weights at `path`; 0 without a file."""
+    return int(load_weights(path)[1].get("steps", 0)) if path.exists() else 0
 
 
 def scene_seed(first: RowPlan, options: argparse.Namespace) -> int:
     """Return the seed of the scenes, another one after each run that `first` continues."""
     seed: int = options.seeds[0]
-    steps = earlier_weights(weights_path(options.out, first.name, seed))[1]
-    return seed + SEEDS_APART * steps
+    return seed + SEEDS_APART * earlier_steps(weights_path(options.out, first.name, seed))
 
 
 def run_rounds(

@@ -108,8 +108,9 @@ def end_by_signal(number: int, _frame: object = None) -> None:
 
     A process that starts a worker goes on until the worker has started.
     """
-    if _put_off is not None:
-        _put_off.append(number)
+    waiting = _put_off  # read once: another thread may end the context meanwhile
+    if waiting is not None:
+        waiting.append(number)
         return
     if os.environ.get("RANK", "0") == "0":  # of torchrun's processes only the first prints
         shown = SHOW_CURSOR if os.isatty(2) else ""

@@ -1,15 +1,13 @@
 """Options that several commands share."""
 
-import re
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from pipelines.errors import UnknownNameError
+from pipelines.runtime.device_names import check_device_name
 
 LARGEST_SEED = 2**63 - 1
-DEVICE = re.compile("auto|cpu|cuda(:(0|[1-9][0-9]*))?")
 RUNNING, READING, REPORT = "Running", "Reading frames", "Report"  # panels of help
 
 
@@ -20,8 +18,7 @@ def _check_seed(seed: int) -> int:
 
 
 def _check_device(name: str) -> str:
-    if not DEVICE.fullmatch(name):  # whether there is such a GPU is seen where a network runs
-        raise UnknownNameError("--device", name, ["auto", "cpu", "cuda", "cuda:N"])
+    check_device_name(name, "--device")  # its GPU is looked for where a network runs
     return name
 
 

@@ -1,13 +1,10 @@
 """Devices of tensors: `auto`, `cpu`, `cuda` or `cuda:N`."""
 
-import re
-
 import torch
 from torch import Tensor
 
-from pipelines.errors import UnknownNameError, ValueRangeError
-
-NAME = re.compile("cpu|cuda(:(0|[1-9][0-9]*))?")  # torch also takes cpu:1, and fails later
+from pipelines.errors import ValueRangeError
+from pipelines.runtime.device_names import check_device_name
 
 
 def find_device(name: str, process: int | None = None) -> torch.device:
@@ -19,11 +16,10 @@ def find_device(name: str, process: int | None = None) -> torch.device:
         UnknownNameError: `name` is unknown.
         ValueRangeError: there is no such GPU.
     """
+    check_device_name(name, "device")
     if name == "auto":
         name = "cuda" if torch.cuda.is_available() else "cpu"
     kind, _, number = name.partition(":")
-    if not NAME.fullmatch(name):
-        raise UnknownNameError("device", name, ["auto", "cpu", "cuda", "cuda:N"])
     if kind == "cuda" and not number and process is not None:
         number, name = str(process), f"cuda:{process}"
     if kind == "cuda" and int(number or 0) >= torch.cuda.device_count():

@@ -145,6 +145,7 @@ SELECTION = (
         ("approach-path", "free approach path", "approach_distance", 0.0),
         ("no-opening", "opening margin", "opening_margins", ()),
         ("one-opening", "smaller opening margin", "opening_margins", (0.008,)),
+        ("no-enclosing", "contacts about all seen points", "encloses_seen_points", False),
         ("opening-share", "largest opening margin, by width", "opening_margin_share", 1.0),
     ),
     *settings_under(
@@ -260,7 +261,10 @@ PRINTED = {
             f"{FEASIBILITY}max_view_angle",
         ),
     ),
-    "printed-openings": ("contacts as predicted", (f"{FEASIBILITY}opening_margins",)),
+    "printed-openings": (
+        "contacts as predicted",
+        (f"{FEASIBILITY}opening_margins", f"{FEASIBILITY}encloses_seen_points"),
+    ),
     "printed-ranking": ("Eq. 8 alone ranks", (RANKING,)),
 }
 

@@ -125,6 +125,11 @@ class FeasibilityConfig:
     opening_margin_share: float = fraction(
         0.25, "Largest opening margin, as a share of the width.", "D. 102"
     )
+    encloses_seen_points: bool = choice(
+        True,
+        "Move contacts of grasps without symmetry apart to enclose the points between the fingers.",
+        "D. 153",
+    )
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ from pipelines.array_types import Array
 from pipelines.configs import SelectionConfig
 from pipelines.geometry.numerics.quantiles import quantiles
 from pipelines.grasping.candidates.candidates import GraspCandidates
-from pipelines.grasping.feasibility.feasibility import Feasibility, with_opening_margin
+from pipelines.grasping.feasibility.feasibility import Feasibility
+from pipelines.grasping.feasibility.openings import with_fitted_openings
 from pipelines.grasping.feasibility.visibility import visible_fraction
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
@@ -161,7 +162,7 @@ class RegionPlanner:
             rank_score=np.zeros(len(pair)),
         )
         best = self._best_first(found, stability[pair], feasibility, context)
-        return with_opening_margin(best, feasibility, config.clearance_cap)
+        return with_fitted_openings(best, feasibility, config.clearance_cap)
 
     def _best_first(
         self,

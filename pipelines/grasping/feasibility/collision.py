@@ -14,6 +14,7 @@ from pipelines.grasping.feasibility.gripper_bodies import (
     frames_about,
     nearest_gaps,
     points_met,
+    points_reach,
 )
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
@@ -59,6 +60,19 @@ def clearance(grasps: GraspPoses, gripper: Gripper, obstacles: Obstacles, cap: f
     frames, bounds = _bodies(grasps, gripper, obstacles)
     gaps = nearest_gaps(frames, bounds, np.float32(cap), obstacles.cells)
     return np.asarray(np.minimum(gaps.astype(np.float64), cap))
+
+
+def reach_between(
+    grasps: GraspPoses, gripper: Gripper, obstacles: Obstacles, config: FeasibilityConfig
+) -> Array:
+    """Return how far points between the open fingers are off the midpoint (n, 2), metres.
+
+    First against the closing axis, then along it; 0 without such points. `max_points_inside` points
+    at each side are taken as noise.
+    """
+    frames, bounds = _bodies(grasps, gripper, obstacles)
+    reach = points_reach(frames, bounds, config.max_points_inside, obstacles.cells)
+    return reach.astype(np.float64)
 
 
 def lowest_height(grasps: GraspPoses, gripper: Gripper, plane: Plane) -> Array:

@@ -18,12 +18,12 @@ from pipelines.grasping.feasibility.collision import (
     clearance,
     first_free,
     lowest_height,
+    reach_between,
 )
 from pipelines.grasping.feasibility.image_border import ImageBorder
 from pipelines.grasping.feasibility.surroundings import Surroundings
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
-from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 
 ROUNDING = 1e-6  # metres
@@ -131,6 +131,10 @@ class Feasibility:
         """Return the distance (n,) to the nearest point off the region, metres, b of Eq. 8."""
         return clearance(grasps, self.gripper, self.around.others, cap)
 
+    def reach_between(self, grasps: GraspPoses) -> Array:
+        """Return how far points between the open fingers are off the midpoint (n, 2), metres."""
+        return reach_between(grasps, self.gripper, self.around.all, self.config)
+
     def _are_possible(self, base: GraspPoses, angles: Array) -> Mask:
         """Return a mask (k, m) of `base` (k,) that fit and come from the camera's side."""
         config, plane = self.config, self.scene.plane
@@ -161,32 +165,3 @@ class Feasibility:
         if self.border is not None:
             kept = kept[self.border.allows(grasps[kept], self.gripper)]
         return kept
-
-
-def with_opening_margin(
-    found: RankedGrasps, feasibility: Feasibility, clearance_cap: float
-) -> RankedGrasps:
-    """Return feasible grasps in order, symmetric grasps with an opening margin (D. 92).
-
-    The second contact of a symmetric grasp is predicted: with a mirror plane that is millimetres
-    too near, the contact and its finger are inside the object. A finger farther out still closes on
-    the object. The margin is smaller for close contacts, since a gripper with its middle off the
-    object closes next to the object.
-
-    Each grasp is widened by the largest of `opening_margins` (metres) at which it is feasible; its
-    middle moves by half the margin. Clearances are computed again, up to `clearance_cap` metres.
-    """
-    grasps, waiting = found.grasps, np.flatnonzero(found.slot >= 0)
-    translation, width = grasps.translation.copy(), grasps.width.copy()
-    for margin in feasibility.config.opening_margins:
-        some = grasps[waiting]
-        middle = some.translation + 0.5 * margin * some.closing
-        wider = GraspPoses.unchecked(some.rotation, middle, some.width + margin)
-        fits = feasibility.allows(wider)
-        fits &= margin <= feasibility.config.opening_margin_share * some.width
-        translation[waiting[fits]], width[waiting[fits]] = middle[fits], wider.width[fits]
-        waiting = waiting[~fits]
-    widened, clearances = np.flatnonzero(width > grasps.width), found.clearance.copy()
-    grasps = GraspPoses.unchecked(grasps.rotation, translation, width)
-    clearances[widened] = feasibility.clearance(grasps[widened], clearance_cap)
-    return replace(found, grasps=grasps, clearance=clearances)

@@ -125,6 +125,49 @@ def nearest_gaps(frames: Singles, bounds: Singles, cap: Single, cells: Cells) ->
 
 
 @compiled
+def points_reach(frames: Singles, bounds: Singles, allowed: int, cells: Cells) -> Singles:
+    """Return how far points between the open fingers of k grasps are from the midpoint, metres.
+
+    (k, 2): against the closing axis, and along it; 0 without such points. The `allowed` outermost
+    measured points of a side do not count. The other arguments are those of `points_met`.
+    """
+    points, count, start, center, radius = cells
+    reach, outermost = (
+        np.zeros((len(frames), 2), np.float32),
+        np.empty((2, allowed + 1), np.float32),
+    )
+    for k in range(len(frames)):
+        frame, closing = _frame(frames[k]), frames[k, 1]
+        back, tip, half, inner = bounds[k, 0], bounds[k, 1], bounds[k, 4], bounds[k, 6]
+        outermost[:] = 0.0
+        for c in range(len(radius)):
+            along, across, height = _local(frame, center[0, c], center[1, c], center[2, c])
+            if max(back - along, along - tip, across - inner, height - half) > radius[c]:
+                continue
+            for n in range(start[c], start[c + 1]):
+                x, y, z = points[0, n], points[1, n], points[2, n]
+                along, across, height = _local(frame, x, y, z)
+                if (back < along) & (along < tip) & (across < inner) & (height < half):
+                    ahead = closing[0] * x + closing[1] * y + closing[2] * z + closing[3] > 0
+                    _insert(outermost[int(ahead)], across, count[n])
+        reach[k] = outermost[:, allowed]
+    return reach
+
+
+@compiled
+def _insert(largest: Singles, value: Single, times: int) -> None:
+    """Insert `value`, `times` times, into `largest` (m,), which descends and keeps its length."""
+    for _ in range(min(times, len(largest))):
+        place = len(largest) - 1
+        if value <= largest[place]:
+            return
+        while place > 0 and largest[place - 1] < value:
+            largest[place] = largest[place - 1]
+            place -= 1
+        largest[place] = value
+
+
+@compiled
 def _is_blocked(
     frame: GraspFrame, bounds: Singles, margin: Single, allowed: int, cells: Cells, near: Mask
 ) -> bool:

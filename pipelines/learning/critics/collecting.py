@@ -14,7 +14,8 @@ from pipelines.evaluation.frame_scores import assign_regions
 from pipelines.evaluation.truth import TruthReader
 from pipelines.geometry.symmetry import REFLECTION_SLOTS, ROTATION_SLOT, SPHERE_SLOT
 from pipelines.grasp_files.gripper_files import load_gripper
-from pipelines.grasping.feasibility.feasibility import Feasibility, with_opening_margin
+from pipelines.grasping.feasibility.feasibility import Feasibility
+from pipelines.grasping.feasibility.openings import with_fitted_openings
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.passes import RegionModel
@@ -195,4 +196,4 @@ class Collector:
     def _opened(self, features: GraspFeatures, checks: Feasibility) -> GraspPoses:
         """Return the grasps with the opening margins that they would get if they were chosen."""
         cap = self.config.infer.selection.ranking.clearance_cap
-        return with_opening_margin(features.feasible, checks, cap).grasps
+        return with_fitted_openings(features.feasible, checks, cap).grasps

@@ -1,4 +1,4 @@
-"""Symmetric grasps open wider at the predicted contact, as far as there is free space."""
+"""Grasps open wider at a predicted contact and about seen points, as far as there is free space."""
 
 from dataclasses import replace
 
@@ -9,8 +9,11 @@ from numpy.testing import assert_allclose
 from pipelines.configs import FeasibilityConfig, RankingConfig
 from pipelines.geometry.transforms import transform_points
 from pipelines.grasp_files.gripper_files import load_gripper
-from pipelines.grasping.feasibility.feasibility import Feasibility, with_opening_margin
+from pipelines.grasping.feasibility.collision import reach_between
+from pipelines.grasping.feasibility.feasibility import Feasibility
+from pipelines.grasping.feasibility.openings import with_fitted_openings
 from pipelines.grasping.grasps import GraspPoses
+from pipelines.grasping.obstacles import Obstacles
 from pipelines.grasping.ranked_grasps import RankedGrasps
 from tests.geometry.tabletops import Box, looking_at_table
 from tests.grasping.seen_regions import seen
@@ -36,7 +39,7 @@ def grasp(width, slot=0):
 
 
 def widened(found, checks, **settings):
-    return with_opening_margin(found, replace(checks, config=replace(CONFIG, **settings)), CAP)
+    return with_fitted_openings(found, replace(checks, config=replace(CONFIG, **settings)), CAP)
 
 
 @pytest.mark.parametrize("width", [0.05, 0.06])  # plane too near, or in its place
@@ -74,9 +77,58 @@ def test_the_margin_is_the_largest_that_a_neighbour_leaves(gap):
     assert checks.allows(found.grasps).all()
 
 
-def test_contacts_of_a_planar_grasp_are_both_seen_and_get_no_margin():
-    found = widened(grasp(0.06, slot=-1), checks_at_box())
-    assert_allclose(found.grasps.width, 0.06)
+def test_contacts_of_a_planar_grasp_about_the_object_stay():
+    found = widened(grasp(0.062, slot=-1), checks_at_box())
+    assert_allclose(found.grasps.width, 0.062)
+
+
+def test_contacts_of_a_planar_grasp_are_moved_to_enclose_the_seen_points():
+    before = grasp(0.055, slot=-1)  # the second contact is 5 mm inside the box
+    after = widened(before, checks_at_box())
+    was, now = before.grasps.contacts[0], after.grasps.contacts[0]
+    assert_allclose(now[0], was[0], atol=1e-3)
+    along = float((now[1] - was[1]) @ before.grasps.closing[0])
+    assert 0.005 - CONFIG.scene_resolution - 1e-3 < along < 0.005  # points are thinned
+    assert_allclose(after.grasps.rotation, before.grasps.rotation)
+    assert after.clearance[0] <= CAP  # measured again: it was given as 1
+
+
+def test_contacts_of_a_planar_grasp_stay_if_the_setting_is_off():
+    found = widened(grasp(0.056, slot=-1), checks_at_box(), encloses_seen_points=False)
+    assert_allclose(found.grasps.width, 0.056)
+
+
+def test_contacts_of_a_planar_grasp_stay_where_a_neighbour_leaves_no_room():
+    left = 0.03 + FINGER - 0.004  # there is room for the fingers as they are
+    checks = checks_at_box(Box((0.06, 0.06, 0.12), (left + 0.03, 0.0, 0.0)))
+    before = grasp(0.055, slot=-1)
+    assert checks.allows(before.grasps).all()
+    assert_allclose(widened(before, checks).grasps.width, 0.055)
+
+
+@pytest.mark.parametrize("allowed", [0, 2, 5])
+def test_the_reach_of_points_between_the_fingers(allowed):
+    rng = np.random.default_rng(3)
+    grasps = grasp(0.05).grasps
+    local = rng.uniform(-0.07, 0.07, (400, 3))
+    count = rng.integers(1, 4, len(local))
+    obstacles = Obstacles(local @ grasps.rotation[0].T + grasps.translation[0], count)
+    config = replace(CONFIG, max_points_inside=allowed)
+    found = reach_between(grasps, GRIPPER, obstacles, config)[0]
+    back, tip = GRIPPER.tip_reach - GRIPPER.finger_length, GRIPPER.tip_reach
+    inside = (back < local[:, 0]) & (local[:, 0] < tip)
+    inside &= np.abs(local[:, 1]) < GRIPPER.opening(0.05) / 2
+    inside &= np.abs(local[:, 2]) < GRIPPER.finger_height / 2
+    across = np.repeat(local[inside, 1], count[inside])
+    for sign, reach in zip((-1, 1), found, strict=True):
+        assert reach == pytest.approx(max(np.sort(sign * across)[-1 - allowed], 0.0), abs=1e-6)
+
+
+def test_points_elsewhere_have_no_reach():
+    far = Obstacles(np.array([[1.0, 1.0, 1.0]]), np.array([9]))
+    assert_allclose(reach_between(grasp(0.05).grasps, GRIPPER, far, CONFIG), 0.0)
+    none = Obstacles(np.zeros((0, 3)), np.zeros(0, np.int64))
+    assert_allclose(reach_between(grasp(0.05).grasps, GRIPPER, none, CONFIG), 0.0)
 
 
 def test_the_gripper_opens_no_wider_than_it_can():

@@ -132,10 +132,8 @@ def points_reach(frames: Singles, bounds: Singles, allowed: int, cells: Cells) -
     measured points of a side do not count. The other arguments are those of `points_met`.
     """
     points, count, start, center, radius = cells
-    reach, outermost = (
-        np.zeros((len(frames), 2), np.float32),
-        np.empty((2, allowed + 1), np.float32),
-    )
+    reach = np.empty((len(frames), 2), np.float32)
+    outermost = np.empty((2, allowed + 1), np.float32)
     for k in range(len(frames)):
         frame, closing = _frame(frames[k]), frames[k, 1]
         back, tip, half, inner = bounds[k, 0], bounds[k, 1], bounds[k, 4], bounds[k, 6]

@@ -30,6 +30,7 @@ from pipelines.frames.encodings.camera_texts import (
     MATRIX_SIZES,
     read_camera_text,
     read_camera_xml,
+    read_pincam,
 )
 from pipelines.frames.encodings.yaml_files import read_yaml
 from pipelines.frames.graspnet_scene import read_meta
@@ -213,6 +214,7 @@ READERS: dict[str, Callable[[Path], Any]] = {
     **dict.fromkeys((".yml", ".yaml"), read_yaml),
     **dict.fromkeys((".txt", ".csv"), read_camera_text),
     ".xml": read_camera_xml,
+    ".pincam": read_pincam,
     ".mat": _read_mat,
 }
 

@@ -1,4 +1,4 @@
-"""Cameras in text files: numbers, `fx = 600` pairs, tables, COLMAP's cameras.txt, OpenCV's XML.
+"""Cameras in text files: numbers, `fx = 600` pairs, tables; of COLMAP, OpenCV and ARKitScenes.
 
 All become the keys and values of a camera file in JSON.
 """
@@ -68,6 +68,20 @@ def read_camera_text(path: Path) -> dict[str, Any]:
             count = len(numbers) if isinstance(numbers, list) else 1
             raise FormatError(path, f"{count} numbers", FORMS)
     raise FormatError(path, "holds a text that is no number", FORMS)
+
+
+def read_pincam(path: Path) -> dict[str, Any]:
+    """Return the keys and values of the camera in a `.pincam` of ARKitScenes, one line of numbers.
+
+    Raises:
+        FormatError: the line has other content.
+    """
+    line = read_text(path, MAX_BYTES)
+    match _value(line):
+        case [width, height, fx, fy, cx, cy]:
+            sizes = {"width": width, "height": height}
+            return {**sizes, "fx": fx, "fy": fy, "cx": cx, "cy": cy}
+    raise FormatError(path, f"holds {line!r:.60}", "`width height fx fy cx cy` is expected")
 
 
 def _table(text: str) -> dict[str, Any]:

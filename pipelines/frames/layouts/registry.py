@@ -12,7 +12,17 @@ from pathlib import Path
 
 from pipelines.errors import SymgraspError
 from pipelines.frames.frame_options import FrameOptions
-from pipelines.frames.layouts import arrays, bop, nerfstudio, paired, pcd, rosbag, scannet, tum
+from pipelines.frames.layouts import (
+    arkit,
+    arrays,
+    bop,
+    nerfstudio,
+    paired,
+    pcd,
+    rosbag,
+    scannet,
+    tum,
+)
 from pipelines.frames.layouts.layout import FoundFrame, Layout, frame_name, refuse
 from pipelines.frames.layouts.paired import Pairing
 from pipelines.frames.rgbd import Frame, FrameSource
@@ -28,6 +38,7 @@ LAYOUTS: tuple[Layout | Pairing, ...] = (
     scannet.LAYOUT,
     tum.LAYOUT,
     nerfstudio.LAYOUT,
+    arkit.LAYOUT,
     paired.FOUNDATION_POSE,
     paired.REPLICA,
     paired.GQCNN,

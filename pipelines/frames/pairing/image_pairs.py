@@ -173,7 +173,7 @@ def sister_pairs(folder: Path, suffix: str = "") -> list[ImagePair]:
         return []
     if is_by_word and any(pair.is_whole for pair in flat_pairs(color_folder)):
         return []  # it holds the frames, and a folder such as depth_previews/ pictures of them
-    return _pairs_in(color_folder, depth_folder)
+    return pairs_in(color_folder, depth_folder)
 
 
 def _by_word(folder: Path, color: Path | None, depth: Path | None) -> Sequence[Path | None]:
@@ -192,7 +192,7 @@ def _by_word(folder: Path, color: Path | None, depth: Path | None) -> Sequence[P
     return [known or other for known, other in zip((color, depth), only, strict=True)]
 
 
-def _pairs_in(color_folder: Path, depth_folder: Path) -> list[ImagePair]:
+def pairs_in(color_folder: Path, depth_folder: Path) -> list[ImagePair]:
     """Pair the images of two folders: x and x, else color_x and depth_x, else frame_x and x."""
     files = [
         _by_stem(color_folder.iterdir(), COLOR_SUFFIXES),

@@ -173,6 +173,16 @@ def replica(folder: Path) -> None:
     write(folder / "cam_params.json", {"camera": camera})
 
 
+def arkit_scenes(folder: Path, color_folder: str = "lowres_wide") -> None:
+    for i in range(COUNT):
+        name = f"41069021_{305.371 + i / 60:.3f}"
+        depth_folder = "highres_depth" if color_folder == "wide" else "lowres_depth"
+        pair(folder / f"{color_folder}/{name}.png", folder / f"{depth_folder}/{name}.png", i)
+        (folder / f"{color_folder}_intrinsics").mkdir(exist_ok=True)
+        line = " ".join(map(str, (WIDTH, HEIGHT, *FOUR)))
+        write(folder / f"{color_folder}_intrinsics/{name}.pincam", line)
+
+
 def contact_graspnet(folder: Path) -> None:
     for i in range(COUNT):
         metres = depth(i).astype(np.float32) / 1000
@@ -249,6 +259,7 @@ LAYOUTS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "foundation_pose": ("FoundationPose", foundation_pose),
     "scannet": ("ScanNet", scannet),
     "princeton": ("7-Scenes / Princeton", princeton),
+    "arkit_scenes": ("ARKitScenes", arkit_scenes),
     "replica": ("Replica", replica),
     "gqcnn": ("gqcnn", gqcnn),
     "tum": ("TUM RGB-D", tum),

@@ -41,9 +41,11 @@ BINARY = [
     ("flat", "0_depth.tif"),
     ("tum", "rgb.txt"),
     ("foundation_pose", "cam_K.txt"),
+    ("arkit_scenes", "lowres_wide_intrinsics/41069021_305.371.pincam"),
     ("flat", "camera_info.yaml"),
     ("flat", "0_camera.json"),
 ]
+BELOW = ("depth", "rgb", "lowres_wide_intrinsics")
 JSON = [
     ("nerfstudio", "transforms.json"),
     ("bop_scene", "scene_camera.json"),
@@ -130,7 +132,7 @@ def bytes_file(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 
 def test_undamaged_files_are_read(bytes_file: Path) -> None:
     folder = bytes_file.parent
-    folder = folder.parent if folder.name in ("depth", "rgb") else folder
+    folder = folder.parent if folder.name in BELOW else folder
     camera = CAMERA if bytes_file.name == "rgb.txt" else None
     for source in find_frames(folder, FrameOptions(camera)):
         source.read()
@@ -139,7 +141,7 @@ def test_undamaged_files_are_read(bytes_file: Path) -> None:
 def test_damaged_bytes_give_a_sentence_or_an_answer(bytes_file: Path) -> None:
     whole = bytes_file.read_bytes()
     folder = bytes_file.parent
-    folder = folder.parent if folder.name in ("depth", "rgb") else folder
+    folder = folder.parent if folder.name in BELOW else folder
 
     @MUTATIONS
     @given(mutations())

@@ -1,10 +1,11 @@
 """Contact-GraspNet's and 6-DOF GraspNet's frames: named arrays in one `.npz` per frame.
 
     depth              (H, W) float metres; whole numbers are millimetres
-    K                  (3, 3); also `intrinsics_matrix`, `intrinsics`, `cam_K`, ...
+    K                  (3, 3); also `intrinsics_matrix`, `cam_K`, ..., or numbers `fx`, `fy`, ...;
+                       without these, the camera file next to the `.npz` counts
     depth_scale, D     unit and lens distortion, by the keys of camera files; optional
     rgb                (H, W, 3) uint8 in the order **BGR**, as in Contact-GraspNet; optional
-    image              (H, W, 3) uint8 RGB, as in 6-DOF GraspNet
+    image              (H, W, 3) uint8 RGB, as in 6-DOF GraspNet; also `color`, `colors`
 
 Their `.npy` files (and `.pkl`) are pickled dictionaries, which can run any code: they are refused,
 with a sentence on how to convert them.
@@ -13,6 +14,7 @@ with a sentence on how to convert them.
 import functools
 import re
 import zipfile
+from collections.abc import Container
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +22,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.errors import FormatError, SymgraspError
-from pipelines.frames.cameras.camera_files import CameraFile, camera_from_mapping, units_of
+from pipelines.frames.cameras.camera_files import (
+    CameraFile,
+    camera_from_mapping,
+    read_camera_file,
+    read_units,
+    units_of,
+)
+from pipelines.frames.cameras.camera_search import own_camera_file, shared_camera_file
+from pipelines.frames.cameras.stated_cameras import SYNONYMS
 from pipelines.frames.encodings.plain_pickle import read_plain_pickle
 from pipelines.frames.frame_options import FrameOptions
 from pipelines.frames.layouts.layout import FoundFrame, Layout
@@ -35,6 +45,7 @@ CAMERA_KEYS = (
     *("K", "intrinsics_matrix", "intrinsic_matrix", "cam_K"),
     *("intrinsics", "intrinsic", "camera_matrix"),
 )
+COLOR_KEYS = ("rgb", "image", "color", "colors")  # of the first the order is BGR
 CLOUD_KEYS = ("xyz", "xyz_color")
 MOST_NUMBERS = 16  # of a camera's array: a 4x4 matrix; a lens has 14
 OBJECT_SCALE = "scale"  # in these files not the scale of the depth
@@ -55,7 +66,10 @@ def _find(folder: Path, options: FrameOptions) -> list[FoundFrame]:
     listed = [path for path in files if path in frames or names[path] is None]
     twins = {path.stem for path in listed}
     pickles = [path for path in _pickles(folder, options) if path.stem not in twins]
-    return [_found(path, options) for path in (*listed, *pickles)]
+    lacking = [path for path in frames if not _has_camera(names[path] or ())]
+    shared = shared_camera_file(folder) if lacking else None
+    cameras = {path: own_camera_file(folder, path.stem) or shared for path in lacking}
+    return [_found(path, options, cameras.get(path)) for path in (*listed, *pickles)]
 
 
 def find_pickled(folder: Path, options: FrameOptions) -> list[FoundFrame]:
@@ -67,9 +81,13 @@ def find_pickled(folder: Path, options: FrameOptions) -> list[FoundFrame]:
     return [_found(path, options) for path in (*damaged, *_pickles(folder, options))]
 
 
-def _found(path: Path, options: FrameOptions) -> FoundFrame:
-    read, name = (_read, NAME) if path.suffix == ".npz" else (_read_pickled, PICKLED_NAME)
-    return FoundFrame(path.stem, functools.partial(read, path, options), (path,), name)
+def _found(path: Path, options: FrameOptions, camera: Path | None = None) -> FoundFrame:
+    if path.suffix != ".npz":
+        read = functools.partial(_read_pickled, path, options)
+        return FoundFrame(path.stem, read, (path,), PICKLED_NAME)
+    return FoundFrame(
+        path.stem, functools.partial(_read, path, options, camera), (path, camera), NAME
+    )
 
 
 def _pickles(folder: Path, options: FrameOptions) -> list[Path]:
@@ -88,8 +106,13 @@ def is_pickled(path: Path) -> bool:
     return re.search(rb"'descr': *'\|?O[48]?'", header) is not None
 
 
-def frame_of_arrays(path: Path, arrays: dict[str, NDArray[Any]], options: FrameOptions) -> Frame:
-    """Return the frame of the named arrays in `path`.
+def frame_of_arrays(
+    path: Path,
+    arrays: dict[str, NDArray[Any]],
+    options: FrameOptions,
+    camera_file: Path | None = None,
+) -> Frame:
+    """Return the frame of the named arrays in `path`; `camera_file` counts if they have no camera.
 
     Raises:
         FormatError: no depth, no camera, or arrays of a wrong shape or type.
@@ -98,16 +121,18 @@ def frame_of_arrays(path: Path, arrays: dict[str, NDArray[Any]], options: FrameO
         kind = "a point cloud" if set(CLOUD_KEYS) & set(arrays) else f"{sorted(arrays)}"
         raise FormatError(path, f"holds {kind} without a depth image", "add the array `depth`")
     depth = arrays[next((key for key in arrays if ALIGNED_DEPTH.fullmatch(key)), "depth")]
-    key = next((key for key in ("rgb", "image") if key in arrays), None)
+    key = next((key for key in COLOR_KEYS if key in arrays), None)
     color = None if key is None else functools.partial(_color, path, key, arrays[key])
     facts = _facts(arrays)
-    camera = options.camera or _camera(path, facts)
-    units = options.depth_units(units_of(path, facts) if options.needs_units else None)
-    return make_frame((path, color), (path, depth), camera, units)
+    camera = options.camera or _camera(path, facts, camera_file)
+    stated = units_of(path, facts) if options.needs_units else None
+    if stated is None and camera_file is not None and options.needs_units:
+        stated = read_units(camera_file, path.stem)
+    return make_frame((path, color), (path, depth), camera, options.depth_units(stated))
 
 
-def _read(path: Path, options: FrameOptions) -> Frame:
-    return frame_of_arrays(path, read_npz(path), options)
+def _read(path: Path, options: FrameOptions, camera_file: Path | None) -> Frame:
+    return frame_of_arrays(path, read_npz(path), options, camera_file)
 
 
 def _read_pickled(path: Path, options: FrameOptions) -> Frame:
@@ -141,8 +166,13 @@ def _make_frame(names: set[str] | None) -> bool:
     An `.npz` of depth alone belongs to a colour image of its name.
     """
     names = names or set()
-    others = {*CAMERA_KEYS, "rgb", "image"}
-    return ("depth" in names and bool(names & others)) or CLOUD_KEYS[0] in names
+    is_frame = _has_camera(names) or bool(names & {*COLOR_KEYS})
+    return ("depth" in names and is_frame) or CLOUD_KEYS[0] in names
+
+
+def _has_camera(names: Container[str]) -> bool:
+    """Return whether arrays of these names hold a camera."""
+    return any(key in names for key in (*CAMERA_KEYS, *SYNONYMS["fx"]))
 
 
 def _color(path: Path, key: str, stored: NDArray[Any]) -> NDArray[np.uint8]:
@@ -152,7 +182,7 @@ def _color(path: Path, key: str, stored: NDArray[Any]) -> NDArray[np.uint8]:
     if 0 in stored.shape:
         raise FormatError(path, f"`{key}` is empty", "(height, width, 3) of uint8 is expected")
     color = stored[:, :, :3]
-    return np.ascontiguousarray(color[:, :, ::-1] if key == "rgb" else color)
+    return np.ascontiguousarray(color[:, :, ::-1] if key == COLOR_KEYS[0] else color)
 
 
 def _facts(arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
@@ -161,11 +191,13 @@ def _facts(arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
     return {key: each.tolist() for key, each in small.items() if key != OBJECT_SCALE}
 
 
-def _camera(path: Path, facts: dict[str, Any]) -> CameraFile:
-    if not any(key in facts for key in CAMERA_KEYS):
-        expected = f"add one of {', '.join(CAMERA_KEYS)}, or give --intrinsics fx,fy,cx,cy"
-        raise FormatError(path, "has no camera matrix", expected)
-    return camera_from_mapping(path, facts)
+def _camera(path: Path, facts: dict[str, Any], camera_file: Path | None) -> CameraFile:
+    if _has_camera(facts):
+        return camera_from_mapping(path, facts)
+    if camera_file is not None:
+        return read_camera_file(camera_file, path.stem)
+    expected = f"add one of {', '.join(CAMERA_KEYS)}, or give --intrinsics fx,fy,cx,cy"
+    raise FormatError(path, "has no camera matrix", expected)
 
 
 LAYOUT = Layout(NAME, _find)

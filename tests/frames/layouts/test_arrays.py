@@ -46,6 +46,33 @@ def test_the_camera_has_the_names_of_camera_files(tmp_path: Path, key: str) -> N
     assert find_frames(tmp_path)[0].read().intrinsics.fx == build.FOUR[0]
 
 
+@pytest.mark.parametrize("key", ["image", "color", "colors"])
+def test_colour_is_rgb_unless_its_key_is_that_of_contact_graspnet(tmp_path: Path, key: str) -> None:
+    np.savez(tmp_path / "x.npz", **{"depth": METRES, "K": build.K, key: build.color(0)})
+    np.savez(tmp_path / "y.npz", depth=METRES, K=build.K, rgb=build.color(0)[:, :, ::-1])
+    for source in find_frames(tmp_path):
+        assert np.array_equal(source.read().color, build.color(0))
+
+
+def test_four_numbers_of_the_camera_may_be_arrays_of_their_own(tmp_path: Path) -> None:
+    four = dict(zip(("fx", "fy", "cx", "cy"), build.FOUR, strict=True))
+    np.savez(tmp_path / "x.npz", depth=METRES, image=build.color(0), **four)
+    assert np.array_equal(find_frames(tmp_path)[0].read().intrinsics.matrix, build.K)
+
+
+@pytest.mark.parametrize("name", ["x_camera.json", "camera.json"])
+def test_the_camera_may_be_in_a_file_next_to_the_arrays(tmp_path: Path, name: str) -> None:
+    np.savez(tmp_path / "x.npz", depth=build.depth(0), image=build.color(0))
+    build.write(tmp_path / name, {"K": build.K.tolist(), "depth_scale": 0.0005})
+    (source,) = find_frames(tmp_path)
+    frame = source.read()
+    assert frame.intrinsics.fx == build.FOUR[0]
+    assert np.allclose(frame.depth, METRES / 2)
+    assert tmp_path / name in source.files
+    np.savez(tmp_path / "x.npz", depth=build.depth(0), image=build.color(0), K=2 * build.K)
+    assert tmp_path / name not in find_frames(tmp_path)[0].files
+
+
 def test_missing_colour_is_replaced_by_grey_and_reported(tmp_path: Path) -> None:
     np.savez(tmp_path / "x.npz", depth=METRES, K=build.K)
     frame = find_frames(tmp_path)[0].read()
@@ -118,6 +145,6 @@ def test_depth_aligned_to_the_colour_is_preferred_to_raw_depth(tmp_path: Path) -
 
 
 def test_an_npz_with_other_keys_is_answered_with_the_keys_that_are_read(tmp_path: Path) -> None:
-    np.savez(tmp_path / "x.npz", depth=METRES, color=build.color(0), my_camera=build.K)
+    np.savez(tmp_path / "x.npz", depth=METRES, picture=build.color(0), my_camera=build.K)
     with pytest.raises(SymgraspError, match="are named depth, K, and rgb"):
         find_frames(tmp_path)

@@ -29,7 +29,11 @@ from pipelines.frames.cameras.camera_files import (
     read_units,
     units_of,
 )
-from pipelines.frames.cameras.camera_search import own_camera_file, shared_camera_file
+from pipelines.frames.cameras.camera_search import (
+    own_camera_file,
+    shared_camera_file,
+    where_a_camera_may_be,
+)
 from pipelines.frames.cameras.stated_cameras import SYNONYMS
 from pipelines.frames.encodings.plain_pickle import read_plain_pickle
 from pipelines.frames.frame_options import FrameOptions
@@ -67,9 +71,14 @@ def _find(folder: Path, options: FrameOptions) -> list[FoundFrame]:
     twins = {path.stem for path in listed}
     pickles = [path for path in _pickles(folder, options) if path.stem not in twins]
     lacking = [path for path in frames if not _has_camera(names[path] or ())]
-    shared = shared_camera_file(folder) if lacking else None
-    cameras = {path: own_camera_file(folder, path.stem) or shared for path in lacking}
+    cameras = camera_files(folder, lacking)
     return [_found(path, options, cameras.get(path)) for path in (*listed, *pickles)]
+
+
+def camera_files(folder: Path, lacking: list[Path]) -> dict[Path, Path | None]:
+    """Return the camera files of those files of frames in `folder` that hold no camera."""
+    shared = shared_camera_file(folder) if lacking else None
+    return {path: own_camera_file(folder, path.stem) or shared for path in lacking}
 
 
 def find_pickled(folder: Path, options: FrameOptions) -> list[FoundFrame]:
@@ -196,7 +205,7 @@ def _camera(path: Path, facts: dict[str, Any], camera_file: Path | None) -> Came
         return camera_from_mapping(path, facts)
     if camera_file is not None:
         return read_camera_file(camera_file, path.stem)
-    expected = f"add one of {', '.join(CAMERA_KEYS)}, or give --intrinsics fx,fy,cx,cy"
+    expected = f"add one of {', '.join(CAMERA_KEYS)}, or {where_a_camera_may_be(path)}"
     raise FormatError(path, "has no camera matrix", expected)
 
 

@@ -15,6 +15,7 @@ from pipelines.frames.frame_options import FrameOptions
 from pipelines.frames.layouts import (
     arkit,
     arrays,
+    blenderproc,
     bop,
     nerfstudio,
     paired,
@@ -43,6 +44,7 @@ LAYOUTS: tuple[Layout | Pairing, ...] = (
     paired.REPLICA,
     paired.GQCNN,
     arrays.LAYOUT,
+    blenderproc.LAYOUT,
     paired.FLAT,
     paired.SISTERS,
     pcd.LAYOUT,

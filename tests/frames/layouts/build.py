@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import cv2
+import h5py
 import numpy as np
 import scipy.io
 
@@ -195,6 +196,17 @@ def six_dof_graspnet(folder: Path) -> None:
         np.savez(folder / f"{i}.npz", depth=metres, intrinsics_matrix=K, image=color(i))
 
 
+def blenderproc(folder: Path) -> None:
+    for i in range(COUNT):
+        metres = depth(i).astype(np.float32) / 1000
+        metres[metres == 0] = 1e10  # the sky
+        with h5py.File(folder / f"{i}.hdf5", "w") as file:
+            for name, array in (("colors", color(i)), ("depth", metres)):
+                file.create_dataset(name, data=array, compression="gzip")
+            file["blender_proc_version"] = np.bytes_("2.7.0")
+    write(folder / "camera.json", {"K": K.tolist()})
+
+
 def cloud(index: int) -> np.ndarray:
     """The frame as points (H, W) of x, y, z and packed colour."""
     z = depth(index).astype(np.float32) / 1000
@@ -266,6 +278,7 @@ LAYOUTS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "nerfstudio": ("nerfstudio", nerfstudio),
     "contact_graspnet": ("Contact-GraspNet / 6-DOF GraspNet arrays", contact_graspnet),
     "six_dof_graspnet": ("Contact-GraspNet / 6-DOF GraspNet arrays", six_dof_graspnet),
+    "blenderproc": ("BlenderProc", blenderproc),
     "pcd": ("organised point cloud", pcd),
     "flat": ("flat pairs", flat),
     "folders": ("colour and depth folders", folders),

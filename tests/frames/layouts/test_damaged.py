@@ -34,6 +34,7 @@ BINARY = [
     ("graspnet_demo", "meta.mat"),
     ("gqcnn", "depth_0.npy"),
     ("contact_graspnet", "0.npz"),
+    ("blenderproc", "0.hdf5"),
     ("pcd", "0.pcd"),
     ("pcd", "1.pcd"),
     ("pcd", "2.pcd"),

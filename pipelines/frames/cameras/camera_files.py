@@ -17,9 +17,11 @@ from pipelines.array_types import Array
 from pipelines.errors import FormatError, SymgraspError, ValueRangeError
 from pipelines.frames.cameras.lens import NO_DISTORTION, Distortion, distortion_in
 from pipelines.frames.cameras.stated_cameras import (
+    OAK_KEY,
     SKEW_KEYS,
     SYNONYMS,
     cameras_below,
+    is_bare_camera,
     stated_matrix,
     states_a_camera,
     with_camera,
@@ -49,6 +51,10 @@ CENTRAL = (0.1, 0.9)
 # which no pinhole camera does: the number is in other units, such as the lens's millimetres.
 SHORTEST_LENGTH = 0.02
 MOST_SKEW = 1.0  # pixels; it moves a pixel by half as much at most
+
+
+class SeveralCamerasError(FormatError):
+    """A file with several cameras, of which no name tells the right one."""
 
 
 @dataclass(frozen=True)
@@ -230,6 +236,8 @@ def camera_from_mapping(path: Path, content: Any, view: str = "") -> CameraFile:
     Raises:
         FormatError: keys are missing, or values are no numbers.
     """
+    if is_bare_camera(content):
+        content = {"intrinsics": content}
     if not isinstance(content, dict):
         raise FormatError(path, "this has no keys", FORMS)
     content = with_camera(content, view)
@@ -237,7 +245,7 @@ def camera_from_mapping(path: Path, content: Any, view: str = "") -> CameraFile:
         facts: dict[str, Any] = stated_size(content)
         facts["units_per_metre"] = units_of(path, content)
         facts["distortion"] = distortion_in(path, content)
-        facts["is_of_any_size"] = POLYCAM_KEY in content
+        facts["is_of_any_size"] = POLYCAM_KEY in content or OAK_KEY in content
         matrix = stated_matrix(content)
         values = {name: first_stated(content, keys) for name, keys in SYNONYMS.items()}
         if isinstance(matrix, list) and np.size(matrix) == len(values):  # Kalibr's
@@ -247,7 +255,7 @@ def camera_from_mapping(path: Path, content: Any, view: str = "") -> CameraFile:
         missing = [name for name, value in values.items() if value is None]
         if missing and len(several := cameras_below(content)) > 1:
             found = f"holds the cameras {', '.join(several)}"
-            raise FormatError(path, found, "give that of the depth image as --intrinsics")
+            raise SeveralCamerasError(path, found, "give that of the depth image as --intrinsics")
         if missing:
             raise FormatError(path, f"lacks {', '.join(missing)}", FORMS)
         fx, fy, cx, cy = (float(value) for value in values.values())

@@ -7,7 +7,12 @@ from functools import lru_cache
 from pathlib import Path
 
 from pipelines.errors import SymgraspError
-from pipelines.frames.cameras.camera_files import CameraFile, may_hold_camera, read_camera_file
+from pipelines.frames.cameras.camera_files import (
+    CameraFile,
+    SeveralCamerasError,
+    may_hold_camera,
+    read_camera_file,
+)
 from pipelines.frames.pairing.image_names import names_view
 from pipelines.storage.files import read_text
 
@@ -27,9 +32,12 @@ OTHER_OWN_FILES = ("camera_params_{}.json", "camera_{}.json", "cameras/{}.json")
 # Suffixes of other files that may hold a camera, and of files that are only named to the user.
 READ = (".json", ".yaml", ".yml", ".intr", ".txt", ".csv", ".xml", ".npy")
 NAMED = (*READ, ".ini", ".cfg", ".conf", ".toml", ".mat")
-TEXTS = (".txt", ".csv")
+TEXTS = (".txt", ".csv", ".json", ".yaml", ".yml")
 CAMERA_WORDS = re.compile("cam|intrin|calib|lens|^K", re.IGNORECASE)
-FOUR_NUMBERS = re.compile(r"\s*(?:[\d.eE+-]+[\s,;]+){3}[\d.eE+-]+\s*")
+# Four bare numbers, also as a list of JSON or of YAML.
+FOUR_NUMBERS = re.compile(
+    r"(?:\[\s*|-\s+)?(?:[\d.eE+-]+[\s,;]+(?:-\s+)?){3}[\d.eE+-]+(?:\s*\])?",
+)
 MOST_FILES = 20  # of one suffix in a folder; more files are poses or labels, one per frame
 MOST_BYTES = 100_000
 MOST_NAMED = 3  # files in a sentence
@@ -100,7 +108,7 @@ def _may_be_a_box(path: Path) -> bool:
     """Return whether a file holds four bare numbers, such as a box, under no name of a camera."""
     if path.suffix.lower() not in TEXTS or CAMERA_WORDS.search(path.stem):
         return False
-    return FOUR_NUMBERS.fullmatch(read_text(path)) is not None
+    return FOUR_NUMBERS.fullmatch(read_text(path).strip()) is not None
 
 
 def where_a_camera_may_be(image: Path) -> str:
@@ -119,11 +127,24 @@ def _advice(*folders: tuple[Path, int]) -> str:
         names = " and ".join(map(str, found[:MOST_NAMED]))
         which = "that of the depth image, or of the colour it is registered to"
         return f"{advice}, or as --intrinsics one of {names}: {which}"
-    near = (folder for folder, _changed in folders[:2])
-    others = [path.name for folder in near for path in _small_files(folder, NAMED)]
+    near = [path for folder, _changed in folders[:2] for path in _small_files(folder, NAMED)]
+    if several := next(filter(None, map(_several_cameras, near)), ""):
+        return f"{advice}; {several}"
+    others = [path.name for path in near]
     unread = f"; no camera was found in {', '.join(others[:MOST_NAMED])}" if others else ""
     known = "*_camera.json, intrinsics.json, cam_K.txt, ..."
     return f"{advice}, or put a camera file ({known}) next to it{unread}"
+
+
+def _several_cameras(path: Path) -> str:
+    """Return the sentence on a file that holds several cameras; "" for another file."""
+    try:
+        read_camera_file(path)
+    except SeveralCamerasError as error:
+        return str(error)
+    except (SymgraspError, OSError):
+        pass
+    return ""
 
 
 def _last_change(folder: Path) -> int:

@@ -37,7 +37,8 @@ MODEL_KEYS = ("distortion_model", "camera_model", "Camera.type", "model")
 OTHER_MODELS = re.compile(r"^distortion\.|fish|prism|radial|fov|omni|sphere|unified|theta|eucm")
 LIST_KEYS = ("D", "d", "distortion_coefficients", "Distortion_Coefficients", "distortion_coeffs",
              "distortion_coeff", "dist_coeffs", "dist_coeff", "dist_coefs", "distCoeffs",
-             "distortionCoefficients", "dist", "distortion", "coeffs")  # fmt: skip
+             "distortionCoeff", "distortionCoefficients", "dist", "distortion",
+             "coeffs")  # fmt: skip
 OTHER_KEYS = re.compile(r"distort|dist_?co|dist_?param|radial|tangential", re.IGNORECASE)
 OWN_LIST_KEYS = ("data", "coefficients", *LIST_KEYS)  # in a mapping below one of LIST_KEYS
 NAMED = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")

@@ -2,25 +2,31 @@
 
 from typing import Any
 
+import numpy as np
+
 from pipelines.frames.cameras.stated_sizes import first_stated
 from pipelines.frames.depth.stated_units import DEPTH_KEYS
+from pipelines.frames.encodings.camera_texts import MATRIX_SIZES
 from pipelines.frames.pairing.image_names import names_view
 
 SYNONYMS = {
-    "fx": ("fx", "_fx", "fl_x"),
-    "fy": ("fy", "_fy", "fl_y"),
-    "cx": ("cx", "_cx", "x_offset", "ppx"),
-    "cy": ("cy", "_cy", "y_offset", "ppy"),
+    "fx": ("fx", "_fx", "fl_x", "focal_length_x"),
+    "fy": ("fy", "_fy", "fl_y", "focal_length_y"),
+    "cx": ("cx", "_cx", "x_offset", "ppx", "principal_point_x"),
+    "cy": ("cy", "_cy", "y_offset", "ppy", "principal_point_y"),
 }
 SKEW_KEYS = ("skew", "_skew")
 MATRIX_KEYS = ("cam_K", "K", "k", "intrinsic_matrix", "intrinsics_matrix", "camera_matrix",
                "Camera_Matrix", "cameraMatrix", "INTRINSICS", "intrinsics", "intrinsic",
-               "mtx")  # fmt: skip
+               "intrinsicMatrix", "mtx")  # fmt: skip
 PROJECTION_KEYS = ("P", "projection_matrix")  # ROS's; next to fx, of a renderer or a pose
 # Keys of one number for both axes, or of two. Fewer pixels than the least are a lens's millimetres.
 FOCAL_KEYS, CENTER_KEYS = ("focal_length", "focalLength", "f"), ("principal_point",)
 SHORTEST_IN_PIXELS = 100.0
 LARGEST = 1e9  # pixels, or any unit of a lens
+OAK_KEY = "cameraData"  # of the list of an OAK's cameras
+OAK_SOCKETS = {0: "color", 1: "left", 2: "right"}
+OAK_MODELS = {"0": "perspective", "1": "fisheye"}
 ORB_SLAM = ("Camera.", "Camera1.")
 
 
@@ -47,7 +53,7 @@ def with_camera(content: dict[str, Any], view: str = "") -> dict[str, Any]:
 
 
 def _in_usual_keys(content: dict[str, Any]) -> dict[str, Any]:
-    """Return `content`, and what it states in other keys: ORB-SLAM's, Zivid's, capitals."""
+    """Return `content`, and what it states in other keys: ORB-SLAM's, Zivid's, OAK's, capitals."""
     zivid = _mapping(content.get("CameraIntrinsics"))
     own = _mapping(zivid.get("CameraMatrix")) | _mapping(zivid.get("Distortion"))
     own |= {
@@ -55,7 +61,19 @@ def _in_usual_keys(content: dict[str, Any]) -> dict[str, Any]:
     }
     facts = {key: each for key, each in (content | own).items() if not isinstance(each, dict)}
     lower = {key.lower(): each for key, each in facts.items()}
-    return _rendered(content) | _both_axes(content) | lower | own | content
+    return _rendered(content) | _both_axes(content) | _of_oak(content) | lower | own | content
+
+
+def _of_oak(content: dict[str, Any]) -> dict[str, Any]:
+    """Return the calibrated cameras of an OAK, pairs of socket and camera, by names."""
+    cameras = {}
+    for pair in content[OAK_KEY] if isinstance(content.get(OAK_KEY), list) else []:
+        match pair:
+            case [int(socket), {"width": int(width), **camera}] if width > 0:
+                model = OAK_MODELS.get(str(camera.get("cameraType")), "of another type")
+                name = OAK_SOCKETS.get(socket, f"socket {socket}")
+                cameras[name] = {"width": width, "distortion_model": model, **camera}
+    return cameras
 
 
 def _rendered(content: dict[str, Any]) -> dict[str, Any]:
@@ -103,6 +121,15 @@ def cameras_below(content: dict[str, Any]) -> list[str]:
 def states_a_camera(content: dict[str, Any]) -> bool:
     """Return whether the keys of `content` itself state a camera."""
     return stated_matrix(content) is not None or first_stated(content, SYNONYMS["fx"]) is not None
+
+
+def is_bare_camera(content: Any) -> bool:  # noqa: ANN401 - JSON or YAML
+    """Return whether `content` is a list of the size of a matrix, or of fx, fy, cx, cy."""
+    try:
+        shape = np.shape(content) if isinstance(content, list) else ()
+    except ValueError:  # ragged
+        return False
+    return shape == (len(SYNONYMS),) or int(np.prod(shape)) in MATRIX_SIZES
 
 
 def stated_matrix(content: dict[str, Any]) -> list[Any] | dict[str, Any] | None:

@@ -235,6 +235,48 @@ def test_labels_of_many_frames_do_not_hide_a_camera_with_another_suffix(
     assert find_camera_file(bare, "0") == bare / "lens.yaml"
 
 
+@pytest.mark.parametrize("text", ["[60, 61, 23.5, 17.5]", "- 60\n- 61\n- 23.5\n- 17.5\n"])
+def test_a_bare_list_of_four_is_a_camera_only_under_a_name_of_one(bare: Path, text: str) -> None:
+    (bare / "box.yaml").write_text(text)
+    assert "no camera was found in box.yaml" in refusal(bare)
+    (bare / "box.yaml").rename(bare / "lens.yaml")
+    assert find_frames(bare)[0].read().intrinsics.fx == build.FOUR[0]
+
+
+def oak(scale: float = 1.0, fx: float = 60.0, model: int = 0) -> dict[str, object]:
+    """One camera in the calibration of an OAK, of images `scale` times as large."""
+    matrix = np.diag([scale, scale, 1.0]) @ build.K
+    matrix[0, 0] = fx * scale
+    size = {"width": int(build.WIDTH * scale), "height": int(build.HEIGHT * scale)}
+    lens = {"cameraType": model, "distortionCoeff": [0.0] * 14}
+    return size | lens | {"intrinsicMatrix": matrix.tolist(), "extrinsics": {"toCameraSocket": 1}}
+
+
+UNUSED = oak() | {"width": 0, "height": 0, "intrinsicMatrix": np.zeros((3, 3)).tolist()}
+
+
+def test_the_only_camera_of_an_oak_is_resized_to_the_images(bare: Path) -> None:
+    build.write(bare / "calib.json", {"cameraData": [[1, UNUSED], [0, oak(2.0)]], "version": 7})
+    camera = find_frames(bare)[0].read().intrinsics
+    assert camera.fx == build.FOUR[0]
+    assert camera.width == build.WIDTH
+
+
+def test_of_the_cameras_of_an_oak_that_of_aligned_depth_is_taken(tmp_path: Path) -> None:
+    build.pair(tmp_path / "0_color.png", tmp_path / "0_depth_aligned.png", 0)
+    cameras = [[2, oak(1.0, 70.0)], [0, oak()], [1, oak(1.0, 71.0)]]
+    build.write(tmp_path / "calib.json", {"cameraData": cameras})
+    assert find_frames(tmp_path)[0].read().intrinsics.fx == build.FOUR[0]
+    (tmp_path / "0_depth_aligned.png").rename(tmp_path / "0_depth.png")
+    assert "calib.json: holds the cameras right, color, left; give" in refusal(tmp_path)
+
+
+def test_the_fisheye_lens_of_an_oak_is_known_as_such(bare: Path) -> None:
+    camera = oak(model=1) | {"distortionCoeff": [0.05, 0.01, 0.0, 0.0] + [0.0] * 10}
+    build.write(bare / "calib.json", {"cameraData": [[0, camera]]})
+    assert any("fisheye" in note for note in find_frames(bare)[0].read().notes)
+
+
 @pytest.mark.parametrize("name", ["bbox.txt", "crop.csv"])
 def test_four_bare_numbers_are_a_camera_only_under_a_name_of_one(bare: Path, name: str) -> None:
     (bare / name).write_text("60, 61, 23.5, 17.5\n")

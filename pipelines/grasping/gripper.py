@@ -53,7 +53,7 @@ class Gripper:
             value = getattr(self, field.name)
             is_number = isinstance(value, NUMBER) and not isinstance(value, bool)
             if not (is_number and 0.0 <= value < 1.0):
-                expected = "a length in metres, at least 0 and below 1"
+                expected = "a length in metres (millimetres / 1000), at least 0 and below 1"
                 raise ValueRangeError(f"{where}: {field.name}", value, expected)
             if isinstance(value, np.generic):  # digests and files need Python's numbers
                 vars(self)[field.name] = value.item()

@@ -58,12 +58,15 @@ def test_a_user_gripper_is_read_from_toml(tmp_path):
     assert load_gripper(str(path)) == replace(load_gripper("rg2"), name="mine")
 
 
-@pytest.mark.parametrize(("written", "shown"), [("false", "False"), ("1", "1"), ("-0.01", "-0.01")])
+@pytest.mark.parametrize(
+    ("written", "shown"), [("false", "False"), ("85", "85"), ("1", "1"), ("-0.01", "-0.01")]
+)
 def test_a_measure_that_is_no_length_below_a_metre_is_refused(written, shown, tmp_path):
     content = (GRIPPERS / "rg2.toml").read_text()
     measure = f"tip_reach = {written}"
     (tmp_path / "g.toml").write_text(re.sub(r"(?m)^tip_reach = .*", measure, content))
-    sentence = f"tip_reach is {shown}; it must be a length in metres, at least 0 and below 1"
+    expected = "a length in metres (millimetres / 1000), at least 0 and below 1"
+    sentence = re.escape(f"tip_reach is {shown}; it must be {expected}")
     with pytest.raises(SymgraspError, match=sentence):
         load_gripper(str(tmp_path / "g.toml"))
 

@@ -1,8 +1,9 @@
 """The camera's pose in the robot's base frame, from files of hand-eye calibrations.
 
-Supported are a 4 x 4 matrix in JSON or YAML, bare or under any key, or in numpy's .npy or .txt; the
-YAML of easy_handeye and easy_handeye2, and others with a translation and a quaternion; and the
-launch file that MoveIt's calibration saves. The camera's axes are those of its optical frame.
+Supported are a 4 x 4 matrix, or its first three rows, in JSON or YAML, bare or under any key, or in
+numpy's .npy or .txt; the YAML of easy_handeye and easy_handeye2, and others with a translation and
+a quaternion or a rotation matrix; and the launch file that MoveIt's calibration saves. The camera's
+axes are those of its optical frame.
 """
 
 import re
@@ -29,7 +30,10 @@ MAX_SKEW = 5e-3  # largest error of a rotation, which is that of three digits
 MAX_TEXT_BYTES = 2**16  # of a .launch or a .txt
 MOST_NAMES = 4  # of poses that an error lists
 POSE_SUFFIXES = (".json", ".yaml", ".yml", ".npy", ".txt")  # of the poses of single frames
-POSITIONS, TURNS = ("translation", "position"), ("rotation", "quaternion", "orientation")
+POSITIONS = ("translation", "position", "translation_vector")
+TURNS = ("rotation", "quaternion", "orientation")
+MATRICES = ("rotation", "rotation_matrix")
+LAST_ROW = (0.0, 0.0, 0.0, 1.0)
 NUMBER = r"[-+]?[\d.]+(?:[eE][-+]?\d+)?"
 LAUNCH = re.compile(rf"args=\"\s*((?:{NUMBER}\s+){{7}})(\S+)\s+([^\s\"]+)")
 COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
@@ -176,8 +180,8 @@ def _cameras(content: object, key: str = "") -> Iterator[str]:
 def _poses(path: Path, content: object, name: str = "") -> Iterator[tuple[str, Array]]:
     """Yield the poses (4, 4) that `content` holds, in its order, with their keys in the file."""
     matrix = _numbers(content)
-    if matrix is not None and matrix.shape in ((4, 4), (16,)):
-        yield name, matrix.reshape(4, 4)
+    if matrix is not None and matrix.shape in ((4, 4), (16,), (3, 4), (12,)):
+        yield name, np.vstack([matrix.reshape(-1, 4), LAST_ROW])[:4]
         return
     if not isinstance(content, dict):
         return
@@ -186,10 +190,14 @@ def _poses(path: Path, content: object, name: str = "") -> Iterator[tuple[str, A
         next((v for name in names if (v := _vector(content.get(name), axes)) is not None), None)
         for names, axes in ((POSITIONS, "xyz"), (TURNS, "xyzw"))
     ]
+    turned = (_numbers(content.get(name)) for name in MATRICES)
+    rotation = next((each for each in turned if each is not None and each.size == 9), None)
     if all(each is not None and each.shape == () for each in flat):
         yield name, _posed(path, np.array(flat[:3]), np.array(flat[3:]))
     elif parts[0] is not None and parts[1] is not None:
         yield name, _posed(path, parts[0], parts[1])
+    elif parts[0] is not None and rotation is not None:
+        yield name, make_pose(rotation.reshape(3, 3), parts[0])
     for key, each in content.items():
         yield from _poses(path, each, f"{name}.{key}".lstrip("."))
 
@@ -204,11 +212,11 @@ def _numbers(content: object) -> Array | None:
 
 
 def _vector(content: object, axes: str) -> Array | None:
-    """Return numbers in the order of `axes`, from a list or from a mapping with these keys."""
+    """Return as many numbers as `axes`, from a list, or from a mapping with the axes as keys."""
     if isinstance(content, dict):
         content = [content.get(axis) for axis in axes]
     numbers = _numbers(content)
-    return numbers if numbers is not None and numbers.shape == (len(axes),) else None
+    return numbers.ravel() if numbers is not None and numbers.size == len(axes) else None
 
 
 def _posed(path: Path, position: Array, xyzw: Array) -> Array:

@@ -59,6 +59,16 @@ FILES = {
             "quaternion": [X, Y, Z, W],
         }
     ),
+    "three_rows.json": json.dumps({"T_base_cam": ROWS[:3]}),
+    "three_rows.txt": "\n".join(" ".join(map(repr, row)) for row in ROWS[:3]),
+    "rotation.yaml": f"rotation: {[row[:3] for row in ROWS[:3]]}\ntranslation: [0.5, -0.2, 0.8]\n",
+    "columns.json": json.dumps(
+        {
+            "rotation_matrix": T_BASE_CAM[:3, :3].ravel().tolist(),
+            "translation": [[0.5], [-0.2], [0.8]],
+            "P": (600 * np.eye(3, 4)).tolist(),
+        }
+    ),
     "easy_handeye.yaml": EASY_HANDEYE,
     "easy_handeye2.calib": EASY_HANDEYE2,
     "moveit.launch": LAUNCH,
@@ -116,6 +126,8 @@ def test_the_pose_is_read_from_an_array_that_numpy_saved(tmp_path):
     np.save(tmp_path / "x.npy", T_BASE_CAM)
     assert_allclose(read_hand_eye(tmp_path / "x.npy").T_base_cam, T_BASE_CAM, atol=1e-9)
     np.save(tmp_path / "x.npy", T_BASE_CAM[:3])
+    assert_allclose(read_hand_eye(tmp_path / "x.npy").T_base_cam, T_BASE_CAM, atol=1e-9)
+    np.save(tmp_path / "x.npy", T_BASE_CAM[:3, :3])
     with pytest.raises(FormatError, match="holds no pose"):
         read_hand_eye(tmp_path / "x.npy")
 
@@ -131,6 +143,12 @@ def test_the_pose_is_read_from_an_array_that_numpy_saved(tmp_path):
         ("o.json", json.dumps([[math.nan] * 4] * 4), "no rotation and translation|no number"),
         ("f.yaml", EASY_HANDEYE.replace(f"{W}", "7.5"), "quaternion of length"),
         ("g.json", "null", "holds no pose"),
+        ("p.json", json.dumps({"P": (600 * np.eye(3, 4)).tolist()}), "no rotation and translation"),
+        (
+            "r.json",
+            json.dumps({"rotation": (2 * np.eye(3)).tolist(), "translation": [0, 0, 1]}),
+            "no rotation and translation",
+        ),
         ("h.json", json.dumps([[1, 2], [3]]), "holds no pose"),
         ("i.launch", "<launch/>", "publishes no static transform"),
         ("k.txt", "fx = 600", "does not hold numbers alone"),

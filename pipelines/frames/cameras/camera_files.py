@@ -164,8 +164,6 @@ def read_camera_file(path: Path, frame: str = "", view: str = "") -> CameraFile:
     Raises:
         FormatError: the file has none of the known forms.
     """
-    if path.suffix.lower() == ".npy":
-        return CameraFile.from_matrix(path, read_npy(path))
     return camera_from_mapping(path, _content(path, frame), view)
 
 
@@ -173,7 +171,7 @@ def read_units(path: Path, frame: str = "", view: str = "") -> float | None:
     """Return the unit in a camera file, None if it states none; it need not hold a camera."""
     suffix = path.suffix.lower()
     try:
-        content = None if suffix == ".npy" else _content(path, frame)
+        content = _content(path, frame)
     except FormatError:
         if suffix not in TEXTS:  # a text may hold several cameras: the user states one of them
             raise
@@ -222,6 +220,7 @@ READERS: dict[str, Callable[[Path], Any]] = {
     ".xml": read_camera_xml,
     ".pincam": read_pincam,
     ".mat": _read_mat,
+    ".npy": lambda path: read_npy(path).tolist(),
 }
 
 

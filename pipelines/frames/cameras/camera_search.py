@@ -14,6 +14,7 @@ from pipelines.frames.cameras.camera_files import (
     read_camera_file,
 )
 from pipelines.frames.pairing.image_names import names_view
+from pipelines.storage.array_files import read_npy
 from pipelines.storage.files import read_text
 
 # Names that are searched next to the images, in this order; after them any *.intr.
@@ -106,7 +107,11 @@ def cameras_in(folder: Path, view: str = "") -> Iterator[tuple[Path, CameraFile]
 
 def _may_be_a_box(path: Path) -> bool:
     """Return whether a file holds four bare numbers, such as a box, under no name of a camera."""
-    if path.suffix.lower() not in TEXTS or CAMERA_WORDS.search(path.stem):
+    if CAMERA_WORDS.search(path.stem):
+        return False
+    if path.suffix.lower() == ".npy":
+        return read_npy(path).ndim == 1
+    if path.suffix.lower() not in TEXTS:
         return False
     return FOUR_NUMBERS.fullmatch(read_text(path).strip()) is not None
 

@@ -130,7 +130,8 @@ def frame_of_arrays(
         kind = "a point cloud" if set(CLOUD_KEYS) & set(arrays) else f"{sorted(arrays)}"
         raise FormatError(path, f"holds {kind} without a depth image", "add the array `depth`")
     depth = arrays[next((key for key in arrays if ALIGNED_DEPTH.fullmatch(key)), "depth")]
-    key = next((key for key in COLOR_KEYS if key in arrays), None)
+    images = (key for key in COLOR_KEYS if key in arrays)
+    key = next((key for key in images if key in COLOR_KEYS[:2] or arrays[key].ndim > 2), None)
     color = None if key is None else functools.partial(_color, path, key, arrays[key])
     facts = _facts(arrays)
     camera = options.camera or _camera(path, facts, camera_file)

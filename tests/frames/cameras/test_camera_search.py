@@ -243,6 +243,13 @@ def test_a_bare_list_of_four_is_a_camera_only_under_a_name_of_one(bare: Path, te
     assert find_frames(bare)[0].read().intrinsics.fx == build.FOUR[0]
 
 
+def test_an_array_of_four_is_a_camera_only_under_a_name_of_one(bare: Path) -> None:
+    np.save(bare / "box.npy", np.array(build.FOUR))
+    assert "no camera was found in box.npy" in refusal(bare)
+    (bare / "box.npy").rename(bare / "intrinsics.npy")
+    assert np.array_equal(find_frames(bare)[0].read().intrinsics.matrix, build.K)
+
+
 def oak(scale: float = 1.0, fx: float = 60.0, model: int = 0) -> dict[str, object]:
     """One camera in the calibration of an OAK, of images `scale` times as large."""
     matrix = np.diag([scale, scale, 1.0]) @ build.K

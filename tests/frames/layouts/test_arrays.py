@@ -54,6 +54,11 @@ def test_colour_is_rgb_unless_its_key_is_that_of_contact_graspnet(tmp_path: Path
         assert np.array_equal(source.read().color, build.color(0))
 
 
+def test_colours_of_points_are_no_image(tmp_path: Path) -> None:
+    np.savez(tmp_path / "x.npz", depth=METRES, K=build.K, colors=np.zeros((9, 3), np.uint8))
+    assert "grey" in find_frames(tmp_path)[0].read().notes[0]
+
+
 def test_four_numbers_of_the_camera_may_be_arrays_of_their_own(tmp_path: Path) -> None:
     four = dict(zip(("fx", "fy", "cx", "cy"), build.FOUR, strict=True))
     np.savez(tmp_path / "x.npz", depth=METRES, image=build.color(0), **four)

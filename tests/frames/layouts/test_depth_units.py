@@ -19,7 +19,7 @@ from tests.frames.layouts import build
 
 UNITS = 2000.0
 IN_FILE = CameraFile(*build.FOUR, units_per_metre=UNITS)
-OF_FLOATS = {"gqcnn", "contact_graspnet", "six_dof_graspnet", "pcd"}
+OF_FLOATS = {"gqcnn", "blenderproc", "contact_graspnet", "six_dof_graspnet", "pcd"}
 
 
 @pytest.mark.parametrize("key", build.LAYOUTS)

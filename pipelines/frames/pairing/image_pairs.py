@@ -26,6 +26,7 @@ COLOR_FOLDERS = ("rgb", "color", "image", "images", "gray", "colors", "rgbs", "l
 DEPTH_FOLDERS = ("depth", "depths", "distance_to_image_plane")
 # Rests of the names of arrays that hold facts about the images, such as depth_scale.npy.
 FACTS = re.compile("(camera[-_.])?((?i:matrix|params|scale|units?|(in|ex)trinsics?)|K)")
+FILLED = re.compile("fill|complet|inpaint", re.IGNORECASE)  # depth that is partly guessed
 FURTHER = re.compile(r"(.+?)((?:[-_.][a-zA-Z]+)+)")  # 1-gt, the rest of depth1-gt.png
 ImageFiles = dict[str, list[Path]]  # by the rest of the name; the first file is taken
 
@@ -187,7 +188,8 @@ def _by_word(folder: Path, color: Path | None, depth: Path | None) -> Sequence[P
     alike = [(*colors[rest], *depths[rest]) for rest in colors.keys() & depths.keys()]
     if len(alike) == 1 and len(alike[0]) == 2:
         return alike[0]
-    named = (list(chain(*found.values())) for found in (colors, depths))
+    named = [list(chain(*found.values())) for found in (colors, depths)]
+    named[1] = [path for path in named[1] if not FILLED.search(path.name)] or named[1]
     only = (found[0] if len(found) == 1 else None for found in named)
     return [known or other for known, other in zip((color, depth), only, strict=True)]
 

@@ -84,6 +84,15 @@ def test_of_several_pairs_of_folders_none_is_preferred(tmp_path: Path, save: Sav
         find_frames(tmp_path)
 
 
+def test_measured_depth_is_preferred_to_depth_whose_holes_are_filled(
+    tmp_path: Path, save: Save
+) -> None:
+    save(tmp_path / "color/0.png", tmp_path / "depth_filled/0.png", None)
+    save(tmp_path / "color/0.png", tmp_path / "depth_raw/0.png", None)
+    (source,) = find_frames(tmp_path)
+    assert source.files[1] == tmp_path / "depth_raw/0.png"
+
+
 def test_of_several_folders_of_colour_none_is_preferred(tmp_path: Path, save: Save) -> None:
     save(tmp_path / "rgb_raw/0.png", tmp_path / "depth_raw/0.png", tmp_path / "camera.json")
     save(tmp_path / "color_raw/0.png", None, None)

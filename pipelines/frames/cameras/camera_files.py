@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.array_types import Array
+from pipelines.configs.toml_files import read_toml
 from pipelines.errors import FormatError, SymgraspError, ValueRangeError
 from pipelines.frames.cameras.lens import NO_DISTORTION, Distortion, distortion_in
 from pipelines.frames.cameras.stated_cameras import (
@@ -30,6 +31,7 @@ from pipelines.frames.cameras.stated_sizes import first_stated, stated_size
 from pipelines.frames.depth.stated_units import check_units, units_in
 from pipelines.frames.encodings.camera_texts import (
     MATRIX_SIZES,
+    read_camera_ini,
     read_camera_text,
     read_camera_xml,
     read_pincam,
@@ -41,7 +43,7 @@ from pipelines.storage.array_files import read_npy
 from pipelines.storage.files import is_file, read_json
 from pipelines.storage.provenance import FileVersion
 
-TEXTS = (".txt", ".csv", ".xml")
+TEXTS = (".txt", ".csv", ".xml", ".ini")
 POLYCAM_KEY = "t_00"  # of the pose in a file of Polycam, whose depth is smaller than the colour
 SIXD_INDEX = "info.yml"  # a camera for each image
 FORMS = "fx, fy, cx, cy or a 3x3 matrix (cam_K, K, intrinsic_matrix) is expected"
@@ -200,8 +202,7 @@ def _content(path: Path, frame: str) -> Any:  # noqa: ANN401 - JSON
     if suffix in READERS:
         return READERS[suffix](path)
     if suffix not in (".json", ".intr"):
-        known = ".json, .yaml, .txt, .csv, .xml, .npy or .mat"
-        raise SymgraspError(f"{path} is no camera file; give {known}")
+        raise SymgraspError(f"{path} is no camera file; give .json, .yaml, .txt, .npy or .mat")
     if not path.name.startswith("scene_camera"):
         return read_json(path)
     content = _scene_cameras(FileVersion.of(path))
@@ -210,14 +211,15 @@ def _content(path: Path, frame: str) -> Any:  # noqa: ANN401 - JSON
 
 def _read_mat(path: Path) -> dict[str, Any]:
     meta = read_meta(path)
-    matrix = meta.intrinsic_matrix.tolist()
-    return {"intrinsic_matrix": matrix, "factor_depth": meta.factor_depth}
+    return {"K": meta.intrinsic_matrix.tolist(), "factor_depth": meta.factor_depth}
 
 
 READERS: dict[str, Callable[[Path], Any]] = {
     **dict.fromkeys((".yml", ".yaml"), read_yaml),
     **dict.fromkeys((".txt", ".csv"), read_camera_text),
     ".xml": read_camera_xml,
+    ".ini": read_camera_ini,
+    ".toml": lambda path: read_toml(path, FORMS),
     ".pincam": read_pincam,
     ".mat": _read_mat,
     ".npy": lambda path: read_npy(path).tolist(),

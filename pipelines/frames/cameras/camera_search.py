@@ -31,8 +31,8 @@ OWN_CAMERA_ENDINGS = ("camera.json", "intrinsics.json", "meta.mat")
 # Isaac Sim's, other programs' and Polycam's, which are searched next.
 OTHER_OWN_FILES = ("camera_params_{}.json", "camera_{}.json", "cameras/{}.json")
 # Suffixes of other files that may hold a camera, and of files that are only named to the user.
-READ = (".json", ".yaml", ".yml", ".intr", ".txt", ".csv", ".xml", ".npy")
-NAMED = (*READ, ".ini", ".cfg", ".conf", ".toml", ".mat")
+READ = (".json", ".yaml", ".yml", ".intr", ".txt", ".csv", ".xml", ".npy", ".toml", ".ini")
+NAMED = (*READ, ".cfg", ".conf", ".mat")
 TEXTS = (".txt", ".csv", ".json", ".yaml", ".yml")
 CAMERA_WORDS = re.compile("cam|intrin|calib|lens|^K", re.IGNORECASE)
 # Four bare numbers, also as a list of JSON or of YAML.

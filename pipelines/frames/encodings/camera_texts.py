@@ -4,6 +4,8 @@ All become the keys and values of a camera file in JSON.
 """
 
 import re
+from configparser import ConfigParser
+from configparser import Error as ConfigError
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element, ParseError
@@ -68,6 +70,26 @@ def read_camera_text(path: Path) -> dict[str, Any]:
             count = len(numbers) if isinstance(numbers, list) else 1
             raise FormatError(path, f"{count} numbers", FORMS)
     raise FormatError(path, "holds a text that is no number", FORMS)
+
+
+def read_camera_ini(path: Path) -> dict[str, Any]:
+    """Return the sections of an INI file, each with its keys in small letters and their values.
+
+    Raises:
+        FormatError: lines without a section, or other text.
+    """
+    parser = ConfigParser(interpolation=None, strict=False)
+    try:
+        parser.read_string(read_text(path, MAX_BYTES))
+    except ConfigError as error:
+        found = f"cannot be read as INI ({' '.join(str(error).split())})"
+        raise FormatError(
+            path, found, "a [section] with lines such as `fx = 600` is expected"
+        ) from error
+    return {
+        name: {key: _value(text) for key, text in parser[name].items()}
+        for name in parser.sections()
+    }
 
 
 def read_pincam(path: Path) -> dict[str, Any]:

@@ -36,7 +36,7 @@ from pipelines.learning.loop.runs import RunRequest, find_progress, refuse_own_s
 from pipelines.learning.speed.processes import process_group
 from pipelines.network.detection.detector import MODEL_NAME
 from pipelines.network.weights_files import weights_metadata
-from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, drop_damaged, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import existing, real_path
 from pipelines.storage.provenance import digest, digest_folder, digest_text, make_stamp
@@ -158,6 +158,7 @@ def prepare(
 ) -> StageReport:
     """Write a file of small frames and their regions for each scene of `root` that has none yet."""
     step = partial(prepare_scene, root=GraspNetRoot(root), config=config)
+    drop_damaged(items, options)
     return run_batch(STAGE, items, step, options)
 
 

@@ -35,7 +35,7 @@ from pipelines.learning.peers.registry import trained_peer
 from pipelines.learning.speed.processes import process_group
 from pipelines.network.peers.trained import PEER_NETWORKS
 from pipelines.network.weights_files import weights_metadata
-from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, drop_damaged, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import real_path
 from pipelines.storage.provenance import digest_text, make_stamp
@@ -76,6 +76,7 @@ def run(
             return StageReport(STAGE, skipped=[output.name])
         with processes.one_first(options or BatchOptions()) as batch:
             step = partial(_prepare_scene, root=GraspNetRoot(root), peer=name, config=config)
+            drop_damaged(items, batch)
             prepared = run_batch(STAGE, items, step, batch)
         if prepared.failed:
             return prepared

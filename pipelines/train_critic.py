@@ -37,7 +37,7 @@ from pipelines.learning.critics.kinds import CRITIC_KINDS, CriticKind
 from pipelines.learning.loop.faults import read_fault
 from pipelines.learning.loop.loop import TrainingRun
 from pipelines.learning.loop.runs import RunRequest, describe, find_progress, refuse_own_start
-from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, drop_damaged, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import real_path
 from pipelines.storage.provenance import (
@@ -91,7 +91,9 @@ def run(
     _warn_of_shared_objects(roots, held_out, items)
     step = partial(collect_scene, kind=kind, paths=paths, config=config, seed=request.seed)
     scenes = [each for group in items.values() for each in group]
-    report = run_batch(STAGE, scenes, step, options or BatchOptions())
+    options = options or BatchOptions()
+    drop_damaged(scenes, options)
+    report = run_batch(STAGE, scenes, step, options)
     if report.failed:
         return report
     rows, held = _read(roots, items), _read(held_out, items)

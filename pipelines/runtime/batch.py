@@ -165,20 +165,30 @@ def run_batch(
     return report
 
 
+def drop_damaged(items: Sequence[WorkItem], options: BatchOptions) -> None:
+    """Remove damaged targets of a cache, so that only these are made again; warn of them."""
+    drop_stale(items, options, faults=(FormatError,))
+
+
 def drop_stale(
-    items: Sequence[WorkItem], options: BatchOptions, known: Iterable[Path] = ()
+    items: Sequence[WorkItem],
+    options: BatchOptions,
+    known: Iterable[Path] = (),
+    faults: tuple[type[SymgraspError], ...] = (StaleOutputError, FormatError),
 ) -> None:
     """Remove stale and damaged targets, for outputs that are parts of another output.
 
     Parts without that other output are left over from an earlier run. `known`: existing parts;
-    those that are no targets are removed too. A warning counts them, unless the user overwrites.
+    those that are no targets are removed too. `faults`: errors of the targets to remove. A warning
+    counts the removed targets, unless the user overwrites.
     """
     removed = sorted({*known} - {item.target for item in items})
     for item in items:
         try:
             is_finished(item.target, item.stamp)
-        except (StaleOutputError, FormatError):
-            removed.append(item.target)
+        except (StaleOutputError, FormatError) as error:
+            if isinstance(error, faults):
+                removed.append(item.target)
     if options.dry_run:
         return
     if not options.overwrite:

@@ -155,3 +155,10 @@ def test_parts_to_overwrite_are_dropped_without_a_warning(tmp_path, caplog):
     batch.drop_stale(items(tmp_path, ["a"], setting=2), overwriting)
     assert not list(tmp_path.iterdir())
     assert not caplog.text
+
+
+def test_only_damaged_files_of_a_cache_are_dropped(tmp_path):
+    run_batch("toy", items(tmp_path, ["a", "b"]), step, QUIET)
+    (tmp_path / "a.json").write_text("{")
+    batch.drop_damaged(items(tmp_path, ["a", "b"], setting=2), QUIET)
+    assert [path.name for path in tmp_path.iterdir()] == ["b.json"]

@@ -147,6 +147,16 @@ def test_a_scene_with_new_frames_is_prepared_again(tmp_path):
     assert "other settings or inputs" in next(iter(again.failed.values()))
 
 
+def test_damaged_frames_are_prepared_again(root, tmp_path):
+    output = tmp_path / "detector.safetensors"
+    assert prepare(root, output).done
+    damaged = next((tmp_path / "detector.frames").rglob("*.h5"))
+    whole = damaged.read_bytes()
+    damaged.write_bytes(whole[:-100])
+    assert len(prepare(root, output).done) == 1
+    assert damaged.read_bytes() == whole
+
+
 def test_weights_trained_by_another_version_are_reused(root, output, monkeypatch):
     monkeypatch.setattr(provenance, "version", lambda: "9.9.9")
     again = finetune_detector.run([root.root], output, CONFIG, REQUEST, split=None, options=QUIET)

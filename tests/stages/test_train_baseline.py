@@ -1,5 +1,6 @@
 """The train-baseline stage on a toy dataset: labels, resumed runs, and weights that find grasps."""
 
+import shutil
 from dataclasses import asdict, replace
 from functools import cache
 
@@ -142,6 +143,16 @@ def test_a_resumed_training_equals_one_that_never_stopped(name, root, trained, t
     assert report.notes[path.name].startswith("1 step in ")
     assert train(root, path, request=replace(REQUEST, resume=True), name=name).done
     assert path.read_bytes() == whole.read_bytes()
+
+
+def test_damaged_frames_are_prepared_again(root, trained, tmp_path):
+    copy = tmp_path / "gg-cnn.safetensors"
+    shutil.copytree(trained("gg-cnn").with_suffix(".frames"), copy.with_suffix(".frames"))
+    damaged = next(copy.with_suffix(".frames").glob("*.h5"))
+    whole = damaged.read_bytes()
+    damaged.write_bytes(whole[:-100])
+    assert train(root, copy).done
+    assert damaged.read_bytes() == whole
 
 
 def test_processes_that_load_batches_change_nothing(root, trained, tmp_path):

@@ -111,6 +111,16 @@ def test_the_files_are_critics_that_name_their_features(outputs):
         assert '"loss"' in metadata["validation"]
 
 
+def test_damaged_rows_are_collected_again(roots, outputs, tmp_path):
+    output = tmp_path / "axes.safetensors"
+    shutil.copytree(outputs["axes"].with_name("axes.rows"), tmp_path / "axes.rows")
+    damaged = next((tmp_path / "axes.rows/held").glob("*.h5"))
+    whole = damaged.read_bytes()
+    damaged.write_bytes(whole[:-100])
+    assert run("axes", roots, output).done
+    assert damaged.read_bytes() == whole
+
+
 def test_the_can_has_a_true_axis_the_ball_a_true_sphere_and_the_box_true_planes(outputs):
     rows = rows_of(outputs["axes"])
     axes, spheres = (rows[rows.slot == slot] for slot in (ROTATION_SLOT, SPHERE_SLOT))

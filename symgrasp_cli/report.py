@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from pipelines.runtime.batch import StageReport
 
 UNBOUND = 10_000  # characters: the width of a table without a limit
+FEW = 3  # failures of the same reason that are printed as a sentence each
 USAGE_ERROR: Any = typer.BadParameter.__base__  # click's or typer's own
 
 
@@ -104,7 +105,7 @@ def _print_report(
 ) -> None:
     """Print the report for people; only the errors if the user wants quiet."""
     notes = [f"{name}: {note}" for name, note in report.notes.items()]
-    errors = [f"error: {name}: {sentence}" for name, sentence in report.failed.items()]
+    errors = _error_lines(report.failed)
     counts = (
         f"{report.stage}: {len(report.done)} done, {len(report.skipped)} skipped as finished, "
         f"{len(report.failed)} failed, {report.seconds:.1f} s"
@@ -113,6 +114,23 @@ def _print_report(
     ends += [f"next: {following}"] if following else []
     for text in errors if report_style().quiet else [*notes, *errors, counts, *ends]:
         typer.echo(printable(text), err=True)
+
+
+def _error_lines(failed: Mapping[str, str]) -> list[str]:
+    """Return a line for each failure; many of the same reason share a sentence.
+
+    The same reason: the sentences differ only in the last part of the item's name.
+    """
+    groups: dict[str, list[str]] = {}
+    for name, sentence in failed.items():
+        groups.setdefault(sentence.replace(name.rpartition("/")[2], "*"), []).append(name)
+    lines = []
+    for names in groups.values():
+        shown = names if len(names) <= FEW else names[:1]
+        lines += [f"error: {name}: {failed[name]}" for name in shown]
+        if others := names[len(shown) :]:
+            lines.append(f"error: {len(others)} more for the same reason: {', '.join(others)}")
+    return lines
 
 
 def _as_json(

@@ -103,6 +103,21 @@ def test_a_quiet_command_reports_failures_only(capsys, tmp_path):
     assert err == "error: b: it is bad\n"
 
 
+def test_many_failures_of_one_cause_are_one_sentence_and_all_names(capsys, tmp_path):
+    names = [f"root/scene_{number:04d}" for number in range(5)]
+    failed = {name: f"rows/{name}.h5 was made with other settings" for name in names}
+    failed |= {"odd": "it is bad"} | {f"few_{i}": f"rows/few_{i}.h5 is cut off" for i in range(3)}
+    _, err, _ = reported(
+        capsys, tmp_path, StageReport("pack", failed=failed), ReportStyle(quiet=True)
+    )
+    assert err.splitlines() == [
+        f"error: {names[0]}: rows/{names[0]}.h5 was made with other settings",
+        f"error: 4 more for the same reason: {', '.join(names[1:])}",
+        "error: odd: it is bad",
+        *(f"error: few_{i}: rows/few_{i}.h5 is cut off" for i in range(3)),
+    ]
+
+
 def test_a_json_report_is_one_object_with_its_tables(capsys, tmp_path):
     report = StageReport("infer", done=["a"], failed={"b": "it is bad"}, seconds=1.23)
     out, _, _ = reported(

@@ -201,8 +201,11 @@ def row_items(
     }
     items = []
     for scene, inputs in zip(scenes, inputs_of_scenes(dataset, scenes), strict=True):
-        name = f"{_name(root)}/{scene.name}"
-        stamp = make_stamp(STAGE, settings, seed=seed, inputs={**weights, **inputs})
+        name, around = f"{_name(root)}/{scene.name}", scene.surroundings_path
+        found = {**weights, **inputs}
+        if kind.chooses and around.is_file():  # grasps that touch them are bad
+            found[around.name] = digest(around)
+        stamp = make_stamp(STAGE, settings, seed=seed, inputs=found)
         items.append(WorkItem(name, folder / f"{scene.name}.h5", stamp, (root, scene)))
     return items
 

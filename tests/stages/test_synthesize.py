@@ -123,6 +123,8 @@ def test_a_second_run_redoes_nothing_and_a_lost_scene_comes_back_the_same(root):
     "name",
     [
         "scenes/scene_0160/object_id_list.txt",
+        "scenes/scene_0160/rs_wrt_kn.npy",
+        "scenes/scene_0160/realsense/rect/0001.npy",
         "scenes/scene_0160/realsense/camK.npy",
         "scenes/scene_0160/realsense/meta/0001.mat",
         "collision_label/scene_0160/collision_labels.npz",

@@ -2,6 +2,7 @@
 
 import shutil
 from dataclasses import asdict, replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from typer.testing import CliRunner
 
 from pipelines import train_critic
 from pipelines.configs import InferConfig, TrainCriticConfig
-from pipelines.dataset import object_list
+from pipelines.dataset import convex_pieces, object_list
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.object_list import ObjectRecord
 from pipelines.errors import FormatError, MissingInputError, SymgraspError, ValueRangeError
@@ -32,6 +33,7 @@ from pipelines.learning.speed.gradients import loss_seed
 from pipelines.runtime.batch import BatchOptions, StageReport
 from pipelines.storage.checkpoints import load_weights
 from pipelines.storage.provenance import make_stamp, read_stamp
+from pipelines.synthesis.objects.decomposition import hull_of_points
 from symgrasp_cli.app import app
 from tests.learning.stopped import stopped_after
 from tests.stages.toy_root import write_root
@@ -119,6 +121,22 @@ def test_damaged_rows_are_collected_again(roots, outputs, tmp_path):
     damaged.write_bytes(whole[:-100])
     assert run("axes", roots, output).done
     assert damaged.read_bytes() == whole
+
+
+@pytest.mark.parametrize("name", CRITIC_KINDS)
+def test_candidates_of_grasps_depend_on_the_surroundings(name, tmp_path):
+    root = write_root(tmp_path / "root")
+
+    def stamps():
+        items = train_critic.row_items(root.root, tmp_path / "c", CRITIC_KINDS[name], CONFIG, 0, {})
+        return [item.stamp for item in items]
+
+    before = stamps()
+    corners = np.array(list(product((0.5, 0.6), (0.0, 1.0), (0.0, 1.0))))
+    convex_pieces.write(root.scenes()[0].surroundings_path, [hull_of_points(corners)])
+    after = stamps()
+    assert (after[0] != before[0]) == (name == "grasps")
+    assert after[1:] == before[1:]
 
 
 def test_the_can_has_a_true_axis_the_ball_a_true_sphere_and_the_box_true_planes(outputs):

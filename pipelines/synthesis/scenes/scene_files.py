@@ -61,9 +61,10 @@ def files_of_scene(
     frames = [scene.frame(frame_id) for frame_id in range(config.views)]
     found = [frame.path(kind) for frame in frames for kind in (*IMAGE_KINDS, *POSES)]
     found += [scene.camera_folder / name for name in CAMERA_FILES]
-    found.append(scene.folder / "object_id_list.txt")
+    found += [scene.folder / name for name in ("object_id_list.txt", "rs_wrt_kn.npy")]
     if _has_collision_labels(config):
         found.append(root.collision_label_path(scene_id))
+        found += [frame.path("rect") for frame in frames]
     return tuple(found)
 
 

@@ -55,7 +55,7 @@ def run(
 ) -> StageReport:
     """Refine the grasp labels of every object of the dataset root `source`."""
     root = GraspNetRoot.finished(source)
-    items = [_item(root, object_id, config, seed) for object_id in root.object_ids()]
+    items = [_item(root, object_id, config, seed) for object_id in root.checked_object_ids()]
     step = partial(refine_file, root=root, config=config, seed=seed)
     report = run_batch(STAGE, items, step, options or BatchOptions())
     report.has_next = (source / "scenes").is_dir() and bool(root.scenes(split="train"))

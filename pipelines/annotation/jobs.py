@@ -135,7 +135,7 @@ def _dataset_jobs(source: Path, scale: float | None) -> list[Named]:
         )
     root = GraspNetRoot.finished(source)
     jobs = []
-    for object_id in root.object_ids():
+    for object_id in root.checked_object_ids():
         regions = root.region_path(object_id)
         job = ObjectInputs(root.model_path(object_id), regions if regions.is_file() else None)
         jobs.append((f"{object_id:03d}", root.symmetry_path(object_id), job))

@@ -13,6 +13,7 @@ A root may have only some of the cameras, splits and frames; only existing ones 
 
 import logging
 import re
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.array_types import Floats, Singles
+from pipelines.dataset import object_list
 from pipelines.dataset.graspnet.graspnet_layout import (
     BLOCK,
     SPLITS,
@@ -30,7 +32,7 @@ from pipelines.dataset.graspnet.graspnet_layout import (
 from pipelines.errors import FormatError, SymgraspError, UnknownNameError
 from pipelines.frames.cameras.camera_files import CameraFile, read_camera_file
 from pipelines.frames.depth.depth_checks import MISSING_DEPTH
-from pipelines.frames.graspnet_scene import CAMERAS, ObjectPose, read_poses
+from pipelines.frames.graspnet_scene import CAMERAS, ObjectPose, read_object_ids, read_poses
 from pipelines.frames.rgbd import DepthUnits, Frame, read_depth, read_pair
 from pipelines.geometry.camera import Intrinsics
 from pipelines.storage.images import read_image, write_image
@@ -62,6 +64,22 @@ class GraspNetRoot:
     def object_ids(self) -> list[int]:
         """List the ids of `models/`, ascending."""
         return _numbers(self.root / "models", r"(\d{3,})")
+
+    def checked_object_ids(self) -> list[int]:
+        """List the ids of `models/`; warn of objects that only objects.json or scenes name."""
+        found, named = self.object_ids(), set[int]()
+        with suppress(SymgraspError):  # its readers report a damaged file
+            named |= {each.object_id for each in object_list.read(self.root / "objects.json")}
+        for path in (self.root / "scenes").glob("scene_*/object_id_list.txt"):
+            with suppress(SymgraspError):
+                named |= {*read_object_ids(path)}
+        if lost := ", ".join(f"{each:03d}" for each in sorted(named - {*found})):
+            log.warning(
+                "%s lacks objects that objects.json or scenes name: %s; they are left out",
+                self.root / "models",
+                lost,
+            )
+        return found
 
     def scene_ids(self, split: str | None = None) -> list[int]:
         """List the ids of `scenes/`, ascending; only those of `split`, one of SPLITS, if given."""

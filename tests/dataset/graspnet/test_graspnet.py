@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from pipelines.dataset import object_list
 from pipelines.dataset.graspnet import graspnet, graspnet_layout
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.object_list import ObjectRecord
 from pipelines.errors import FormatError, SymgraspError, UnknownNameError
 from pipelines.frames import graspnet_scene
 from pipelines.frames.frames import find_frames
@@ -17,6 +19,7 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import make_pose, random_rotation
 from pipelines.storage.array_files import write_npy
 from pipelines.storage.images import write_image
+from pipelines.storage.provenance import make_stamp
 
 CAMERA = Intrinsics(60.0, 61.0, 31.5, 23.5, 64, 48)
 DEPTH = np.random.default_rng(0).uniform(0.4, 0.8, (48, 64))
@@ -143,6 +146,32 @@ def test_a_scene_without_cameras_is_left_out_with_a_warning(
     assert caplog.messages == [
         f"{root.scene_folder(0)} has no folder kinect or realsense, so it is left out"
     ]
+
+
+def test_objects_without_a_model_are_named_in_a_warning(
+    root: GraspNetRoot, caplog: pytest.LogCaptureFixture
+) -> None:
+    record = ObjectRecord(12, "12", "mug")
+    object_list.write(root.root / "objects.json", [record], make_stamp("toy", {}))
+    assert root.checked_object_ids() == [5]
+    assert caplog.messages == [
+        f"{root.root / 'models'} lacks objects that objects.json or scenes name: 002, 012; they "
+        "are left out"
+    ]
+    caplog.clear()
+    for name in ("002", "012"):
+        (root.root / "models" / name).mkdir()
+    assert root.checked_object_ids() == [2, 5, 12]
+    assert not caplog.messages
+
+
+def test_a_damaged_list_of_objects_does_not_hide_the_others(
+    root: GraspNetRoot, caplog: pytest.LogCaptureFixture
+) -> None:
+    (root.root / "objects.json").write_text("{")
+    (root.scene_folder(0) / "object_id_list.txt").write_text("x")
+    assert root.checked_object_ids() == [5]
+    assert "name: 002; they" in caplog.text
 
 
 def test_a_colour_picture_is_refused_as_label(root: GraspNetRoot) -> None:

@@ -60,6 +60,7 @@ def run(
     drop_stale(items, options, scenes_folder(output).glob("[!.]*.npz"))
     report = run_batch(STAGE, items, functools.partial(_evaluate_scene, root, config), options)
     notes = _absent_scenes(scenes, root)
+    root.warn_of_lost_cameras()
     finished, left_out = [item for item in items if item.target.exists()], dict(report.failed)
     if finished and not options.dry_run:
         tally = _tally(finished, report, config, notes)

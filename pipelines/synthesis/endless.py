@@ -74,6 +74,7 @@ def trainable_objects(root: GraspNetRoot) -> list[int]:
         chosen = {o.object_id for o in object_list.read(listed) if o.pool not in UNSEEN_POOLS}
     else:
         scenes = root.scenes(split="train")
+        root.warn_of_lost_cameras("train")
         chosen = {object_id for scene in scenes for object_id in scene.object_ids}
     if not chosen:
         raise SymgraspError(

@@ -189,6 +189,14 @@ def test_a_scene_that_the_dump_lacks_is_noted_if_it_has_others_of_the_split(root
     assert all(f"{name}: {note}" in page for name, note in notes.items())
 
 
+def test_a_scene_of_the_dataset_without_cameras_is_named(root, dump, tmp_path, caplog):
+    copied = GraspNetRoot(shutil.copytree(root.root, tmp_path / "root"))
+    copied.scene_folder(101).mkdir()
+    assert run(dump, copied, tmp_path / "r.json").exit_code == 0
+    sentence = f"{copied.scene_folder(101)} has no folder kinect or realsense, so it is left out"
+    assert caplog.messages.count(sentence) == 1
+
+
 def test_an_unreadable_frame_is_not_taken_for_one_that_a_stride_left_out(root, dump, tmp_path):
     np.save(frame_file(dump, 100, 1), np.ones((3, 16)))
     sentence = run(dump, root, tmp_path / "r.json").failed["scene_0100_realsense"]

@@ -106,6 +106,17 @@ def test_without_a_list_only_objects_of_train_scenes_are_shown(tmp_path):
     assert trainable_objects(bare) == [1, 2]
 
 
+def test_a_train_scene_without_cameras_is_named(tmp_path, caplog):
+    bare = write_root(tmp_path)
+    for scene_id in (7, 8):
+        write_object_ids(bare.scene_folder(scene_id) / "object_id_list.txt", [scene_id])
+    (bare.scene_folder(7) / "kinect").mkdir()
+    assert trainable_objects(bare) == trainable_objects(bare) == [7]
+    assert caplog.messages == [
+        f"{bare.scene_folder(8)} has no folder kinect or realsense, so it is left out"
+    ]
+
+
 @given(st.integers(0, 2**31), st.integers(0, 2**31), st.integers(0, 5), st.integers(0, 10**6))
 def test_generators_never_equal_those_of_a_dataset(seed, other, tag, scene):
     """For all seeds: `synthesize` and `pack` draw from lists [seed, tag, number]."""

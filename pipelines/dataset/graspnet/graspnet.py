@@ -15,6 +15,7 @@ import logging
 import re
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -120,9 +121,7 @@ class GraspNetRoot:
             SymgraspError: there are no scenes.
         """
         scenes = self.scenes(camera, split)
-        for scene_id in self.scene_ids(split):
-            if not self.cameras(scene_id):
-                log.warning("%s, so it is left out", self._without_cameras(scene_id))
+        self.warn_of_lost_cameras(split)
         if not scenes:
             wanted = f"{split} scene" if split else "scene"
             wanted += f" seen by {camera}" if camera else ""
@@ -130,6 +129,12 @@ class GraspNetRoot:
             advice = chosen if split or camera else "`symgrasp synthesize` writes some"
             raise SymgraspError(f"{self.root} holds no {wanted}; {advice}")
         return scenes
+
+    def warn_of_lost_cameras(self, split: str | None = None) -> None:
+        """Warn, once in a process, of each scene of `split` without a camera's folder."""
+        for scene_id in self.scene_ids(split):
+            if not self.cameras(scene_id):
+                _warn_once(f"{self._without_cameras(scene_id)}, so it is left out")
 
     def frame(self, name: str) -> FrameFiles:
         """Return the frame of a name that ends in `scene_NNNN/CAMERA/NNNN`."""
@@ -216,6 +221,11 @@ def write_depth(path: Path, depth: Floats) -> None:
 def write_label(path: Path, label: NDArray[np.integer]) -> None:
     """Write `label/NNNN.png` (H, W): object id + 1, 0 = background; 8 bits if they suffice."""
     write_image(path, label.astype(np.uint8 if label.max(initial=0) < 256 else np.uint16))
+
+
+@lru_cache
+def _warn_once(sentence: str) -> None:
+    log.warning(sentence)
 
 
 def _numbers(folder: Path, pattern: str) -> list[int]:

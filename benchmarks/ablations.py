@@ -4,7 +4,7 @@ Makes a training set, trains two detectors and, for each row and seed, a network
 evaluates on ROOT, the benchmark of `make eval`, and writes OUT/ablations.json, OUT/table.json (for
 `evaluate --table`) and OUT/ablations.md again after each row has all its seeds. Commands of
 `symgrasp` do all the work. Finished steps are not repeated: each step leaves a record of its
-command, and an interrupted step resumes as its command does.
+command and its defaults, and an interrupted step resumes as its command does.
 """
 
 import argparse
@@ -27,10 +27,13 @@ from benchmarks.ablation_table import (
     rows_named,
     summary,
 )
+from pipelines.configs.stages import default_settings
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.errors import MissingInputError, SymgraspError, ValueRangeError
+from pipelines.inference import models
 from pipelines.storage.files import read_json, write_json, write_text
 from pipelines.storage.provenance import digest, make_stamp
+from pipelines.storage.weights_manifest import manifest_path
 
 SYMGRASP = (sys.executable, "-c", "from symgrasp_cli.main import main; main()")
 GOES_ON = "the same command continues from there"
@@ -38,27 +41,36 @@ Run = Callable[[Sequence[str]], None]
 
 
 def perform(steps: Iterator[Step], records: Path, run: Run) -> None:
-    """Run the steps without a record, or without their output.
+    """Run the steps without a record, without their output, or with other defaults by now.
+
+    A command with other defaults refuses its earlier output, unless its stamp is still the same.
 
     Raises:
         SymgraspError: the record of a step has another command, or a command failed.
     """
     for step in steps:
-        record = records / f"{step.name}.json"
+        record, defaults = records / f"{step.name}.json", defaults_of(step.command[0])
         if record.is_file():
-            if read_json(record).get("command") != list(step.command):
+            found = read_json(record)
+            if found.get("command") != list(step.command):
                 raise SymgraspError(
                     f"{record} has another command than `symgrasp {shlex.join(step.command)}`; "
                     f"give the same budget, or name another --out than {records.parent}"
                 )
-            if step.output.exists():
+            if step.output.exists() and found.get("defaults") == defaults:
                 continue
         sys.stderr.write(f"== symgrasp {shlex.join(step.command)}\n")
         started, busy = time.monotonic(), cpu_seconds()
         run(step.command)
         seconds, cpu = time.monotonic() - started, cpu_seconds() - busy
         taken = {"seconds": round(seconds, 1), "cpu_seconds": round(cpu, 1)}
-        write_json(record, {"command": list(step.command), **taken})
+        write_json(record, {"command": list(step.command), "defaults": defaults, **taken})
+
+
+def defaults_of(stage: str) -> str:
+    """Return a digest of a command's default settings and of the default weights."""
+    inputs = {"weights": digest(manifest_path(models.WEIGHTS))}
+    return make_stamp(stage, default_settings(stage), inputs=inputs).as_digest()
 
 
 def make_table(work: Ablations, seeds: Sequence[int], run: Run) -> str:

@@ -19,6 +19,7 @@ from benchmarks.ablation_table import (
     summary,
 )
 from benchmarks.ablations import main, make_table, parsed, perform, run_symgrasp
+from pipelines.configs.stages import STAGE_SETTINGS, EvaluateSettings
 from pipelines.errors import SymgraspError
 from pipelines.evaluation.reports.reports import read_table
 from tests.docs.test_formats_document import block, keys_of
@@ -176,6 +177,13 @@ def test_a_failed_command_is_named_and_leaves_no_record(tmp_path):
     with pytest.raises(SymgraspError, match="`symgrasp infer` ended with 2"):
         perform(iter([step]), tmp_path, run_symgrasp)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_steps_with_other_defaults_are_run_again_which_refuses_or_skips_them(tmp_path, monkeypatch):
+    done(tmp_path)
+    monkeypatch.setitem(STAGE_SETTINGS, "evaluate", lambda: EvaluateSettings(min_region_share=0.4))
+    assert {command[0] for command in done(tmp_path)} == {"evaluate"}
+    assert done(tmp_path) == []
 
 
 def test_deleted_outputs_are_made_again(tmp_path):

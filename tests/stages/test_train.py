@@ -63,6 +63,22 @@ def test_other_settings_are_refused(packed, output):
         train.run(packed, None, output, replace(CONFIG, learning_rate=0.1), REQUEST)
 
 
+def test_a_refused_training_names_the_settings_that_differ_and_both_values(packed, tmp_path):
+    path, resumed = tmp_path / "network.safetensors", replace(REQUEST, resume=True)
+    with stopped_after(1):
+        train.run(packed, None, path, CONFIG, REQUEST)
+    augmentation = replace(CONFIG.augmentation, scale=0.25)
+    other = replace(CONFIG, learning_rate=0.1, augmentation=augmentation)
+    with pytest.raises(SymgraspError) as caught:
+        train.run(packed, None, path, other, replace(resumed, seed=REQUEST.seed + 1))
+    assert str(caught.value).startswith(
+        f"{tmp_path / 'network.checkpoint.safetensors'} was made with another config "
+        f"(augmentation.scale = {CONFIG.augmentation.scale}, now 0.25; "
+        f"learning_rate = {CONFIG.learning_rate}, now 0.1) and another seed (0, now 1); "
+        "give the same settings and data to resume it"
+    )
+
+
 def test_a_resumed_training_equals_one_that_never_stopped(packed, output, tmp_path):
     path, resumed = tmp_path / "network.safetensors", replace(REQUEST, resume=True)
     report = train.run(packed, None, path, CONFIG, replace(REQUEST, max_seconds=0.0))
@@ -82,7 +98,7 @@ def test_other_data_are_refused_whether_it_is_finished_or_to_be_resumed(packed, 
     with stopped_after(3):
         train.run(copy, None, path, CONFIG, REQUEST)
     sorted(copy.iterdir())[0].unlink()
-    with pytest.raises(SymgraspError, match="was made with other data; give the same options and"):
+    with pytest.raises(SymgraspError, match="was made with other data; give the same settings and"):
         train.run(copy, None, path, CONFIG, resumed)
 
 

@@ -1,5 +1,6 @@
 """A requested training, the files it owns, and the progress of an earlier run."""
 
+import json
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -18,6 +19,8 @@ log = logging.getLogger(__name__)
 CHECKPOINT, CURVES, LOGS = "checkpoint.safetensors", "curves.png", "logs"
 FAULT = "fault.safetensors"  # the batch without a finite loss
 TRAIN_AGAIN = "pass --overwrite to train again"
+FEW = 5  # settings that a sentence names
+UNSET = "unset"  # in place of the value of a setting that another version lacks
 MOST_POINTS = 400  # points of a curve; a longer curve is thinned to half
 
 
@@ -156,10 +159,11 @@ def _progress_to_resume(
             f"{output} exists without {checkpoint.name}; pass --overwrite to train it again"
         )
     if changed:
-        changes = ["other data" if key == "inputs" else f"another {key}" for key in changed]
+        wanted = stamp.as_json()
+        changes = [_change(key, found.get(key), wanted[key]) for key in changed]
         raise SymgraspError(
             f"{checkpoint} was made with {' and '.join(changes)}; "
-            "give the same options and data to resume it, or pass --overwrite to start again"
+            "give the same settings and data to resume it, or pass --overwrite to start again"
         )
     warn_of_other_version(found, stamp)
     progress = Progress.of(load_training(checkpoint).progress, checkpoint)
@@ -178,6 +182,25 @@ def _changes(found: Mapping[str, Any], stamp: Stamp) -> list[str]:
     """Return the compared fields of `stamp` that differ in the stamp `found` of a file."""
     wanted = stamp.as_json()
     return [key for key in COMPARED if found.get(key) != wanted[key]]
+
+
+def _change(key: str, found: object, wanted: object) -> str:
+    """Return the words on a compared field of a stamp that differs, with the differing values."""
+    if key == "inputs":
+        return "other data"
+    old, new = _flat(found), _flat(wanted)
+    names = [name for name in sorted({**old, **new}) if old.get(name) != new.get(name)]
+    values = [f"{name} = {old.get(name, UNSET)}, now {new.get(name, UNSET)}" for name in names]
+    more = [f"{len(values) - FEW} more"] if len(values) > FEW else []
+    return f"another {key} ({'; '.join([*values[:FEW], *more]).removeprefix(' = ')})"
+
+
+def _flat(value: object, name: str = "") -> dict[str, str]:
+    """Return the values in nested mappings as JSON, by their dotted names."""
+    if not isinstance(value, Mapping):
+        return {name: json.dumps(value)}
+    parts = (_flat(each, f"{name}.{key}".removeprefix(".")) for key, each in value.items())
+    return {key: text for part in parts for key, text in part.items()}
 
 
 def remove_other_weights(output: Path, stamp: Stamp) -> None:

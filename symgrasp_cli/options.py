@@ -93,7 +93,10 @@ AsJson = Annotated[
     ),
 ]
 Quiet = Annotated[
-    bool, typer.Option("--quiet", "-q", rich_help_panel=REPORT, help="Print only errors on stderr.")
+    bool,
+    typer.Option(
+        "--quiet", "-q", rich_help_panel=REPORT, help="Print only warnings and errors on stderr."
+    ),
 ]
 DatasetSplit = Annotated[
     str | None,

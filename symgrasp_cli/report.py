@@ -29,7 +29,7 @@ USAGE_ERROR: Any = typer.BadParameter.__base__  # click's or typer's own
 
 @dataclass(frozen=True)
 class ReportStyle:
-    """Form of a report: `as_json` on stdout, `quiet` for errors only on stderr."""
+    """Form of a report: `as_json` on stdout, `quiet` for warnings and errors only on stderr."""
 
     as_json: bool = False
     quiet: bool = False

@@ -1,9 +1,9 @@
 """The camera's pose in the robot's base frame, from files of hand-eye calibrations.
 
-Supported are a 4 x 4 matrix, or its first three rows, in JSON or YAML, bare or under any key, or in
-numpy's .npy or .txt; the YAML of easy_handeye and easy_handeye2, and others with a translation and
-a quaternion or a rotation matrix; and the launch file that MoveIt's calibration saves. The camera's
-axes are those of its optical frame.
+Supported are a 4 x 4 matrix, or its first three rows, in JSON, YAML or numpy's .npz, bare or under
+any key, or in numpy's .npy or .txt; the YAML of easy_handeye and easy_handeye2, and others with a
+translation and a quaternion or a rotation matrix; and the launch file that MoveIt's calibration
+saves. The camera's axes are those of its optical frame.
 """
 
 import re
@@ -18,12 +18,12 @@ from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.encodings.yaml_files import read_yaml
 from pipelines.frames.frame_names import last_part
 from pipelines.geometry.transforms import make_pose, nearest_orthogonal, quaternion_to_matrix
-from pipelines.storage.array_files import read_npy
+from pipelines.storage.array_files import read_npy, read_npz
 from pipelines.storage.files import is_file, read_json, read_text
 
 EXPECTED = (
-    "a 4 x 4 matrix in JSON, YAML, .npy or .txt, or the YAML of easy_handeye or MoveIt's "
-    "calibration, is expected: the camera's pose in the robot's base frame, metres"
+    "a 4 x 4 matrix in JSON, YAML, .npy, .npz or .txt, or the YAML of easy_handeye or "
+    "MoveIt's calibration, is expected: the camera's pose in the robot's base frame, metres"
 )
 FARTHEST = 20.0  # metres from a robot's base to its camera; larger distances are millimetres
 MAX_SKEW = 5e-3  # largest error of a rotation, which is that of three digits
@@ -147,6 +147,8 @@ def _content(path: Path) -> object:
         return read_json(path)
     if path.suffix == ".npy":
         return read_npy(path)
+    if path.suffix == ".npz":
+        return {name: each.tolist() for name, each in read_npz(path).items()}
     if path.suffix != ".txt":
         return read_yaml(path)
     try:

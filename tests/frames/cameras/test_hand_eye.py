@@ -133,6 +133,26 @@ def test_the_pose_is_read_from_an_array_that_numpy_saved(tmp_path):
 
 
 @pytest.mark.parametrize(
+    "arrays",
+    [
+        {"T_base_cam": T_BASE_CAM, "K": np.diag([600.0, 600.0, 1.0]), "rms": 0.4},
+        {"rotation": T_BASE_CAM[:3, :3], "translation": T_BASE_CAM[:3, 3:]},
+    ],
+)
+def test_the_pose_is_read_from_named_arrays_that_numpy_saved(tmp_path, arrays):
+    np.savez(tmp_path / "x.npz", **arrays)
+    assert_allclose(read_hand_eye(tmp_path / "x.npz").T_base_cam, T_BASE_CAM, atol=1e-9)
+
+
+def test_the_facts_next_to_the_pose_are_read_from_named_arrays_too(tmp_path):
+    np.savez(tmp_path / "x.npz", T=T_BASE_CAM, child_frame_id="camera_link")
+    assert read_hand_eye(tmp_path / "x.npz").is_of_body
+    np.savez(tmp_path / "x.npz", T=T_BASE_CAM, eye_in_hand=True)
+    with pytest.raises(FormatError, match="camera on the hand"):
+        read_hand_eye(tmp_path / "x.npz")
+
+
+@pytest.mark.parametrize(
     ("name", "text", "sentence"),
     [
         ("a.yaml", EASY_HANDEYE.replace("false", "true", 1), "camera on the hand"),

@@ -27,7 +27,8 @@ DEPTH_FOLDERS = ("depth", "depths", "distance_to_image_plane")
 # Rests of the names of arrays that hold facts about the images, such as depth_scale.npy.
 FACTS = re.compile("(camera[-_.])?((?i:matrix|params|scale|units?|(in|ex)trinsics?)|K)")
 FILLED = re.compile("fill|complet|inpaint", re.IGNORECASE)  # depth that is partly guessed
-FURTHER = re.compile(r"(.+?)((?:[-_.][a-zA-Z]+)+)")  # 1-gt, the rest of depth1-gt.png
+# 1-gt, the rest of depth1-gt.png, and vis_1, that of depth_vis_1.png.
+FURTHER = (re.compile(r"(.+?)(?:[-_.][a-zA-Z]+)+"), re.compile(r"[a-zA-Z]+[-_.](.+)"))
 ImageFiles = dict[str, list[Path]]  # by the rest of the name; the first file is taken
 
 
@@ -82,11 +83,11 @@ def flat_pairs(folder: Path) -> list[ImagePair]:
 
 def _is_further(lone: ImagePair, whole: Container[str]) -> bool:
     """Return whether a lone image is a further picture of a whole frame, as depth1-gt of depth1."""
-    further = FURTHER.fullmatch(lone.stem)
     image = lone.color or lone.depth
-    if further is None or image is None:
+    if image is None or not image.stem.endswith(lone.stem):
         return False
-    return further[1] in whole and image.stem.endswith(further[2])
+    further = (pattern.fullmatch(lone.stem) for pattern in FURTHER)
+    return any(found is not None and found[1] in whole for found in further)
 
 
 def _others_by_stem(files: Sequence[Path]) -> ImageFiles:

@@ -91,7 +91,14 @@ def test_a_folder_of_scenes_that_are_not_graspnets_hides_no_folders_next_to_it(
 
 
 @pytest.mark.parametrize(
-    "name", ["depth1-gt.png", "depth1-gt-mask.png", "depth_1_colormap.png", "rgb1_annotated.png"]
+    "name",
+    [
+        "depth1-gt.png",
+        "depth1-gt-mask.png",
+        "depth_1_colormap.png",
+        "rgb1_annotated.png",
+        "depth_vis_1.png",
+    ],
 )
 def test_further_pictures_of_a_frame_are_no_frames(tmp_path: Path, save: Save, name: str) -> None:
     save(tmp_path / "rgb1.png", tmp_path / "depth1.png", tmp_path / "camera.json")
@@ -99,7 +106,9 @@ def test_further_pictures_of_a_frame_are_no_frames(tmp_path: Path, save: Save, n
     assert [source.name for source in find_frames(tmp_path)] == ["1"]
 
 
-@pytest.mark.parametrize("name", ["depth1_2.png", "depth12.png", "1_left_color.png"])
+@pytest.mark.parametrize(
+    "name", ["depth1_2.png", "depth12.png", "1_left_color.png", "left_1_color.png"]
+)
 def test_an_image_of_another_frame_is_still_reported(tmp_path: Path, save: Save, name: str) -> None:
     save(tmp_path / "rgb1.png", tmp_path / "depth1.png", tmp_path / "camera.json")
     stray(tmp_path / name)

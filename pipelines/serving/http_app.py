@@ -67,6 +67,7 @@ def make_app(answer: Answer, facts: dict[str, Any], config: ServeConfig) -> Fast
     limiter, times = anyio.CapacityLimiter(config.parallel), FrameTimes(config.parallel)
 
     @app.get("/health")
+    @app.head("/health")
     def health() -> dict[str, Any]:
         return {"status": "ok", **facts, **counts}
 

@@ -203,6 +203,13 @@ def test_content_types_are_read_in_any_case_and_with_parameters(kind):
     assert client_of().post("/grasps", content=body, headers=head).status_code == 200
 
 
+def test_monitors_may_ask_for_the_health_with_head():
+    client = client_of()
+    answer = client.head("/health")
+    assert answer.status_code == 200
+    assert answer.headers["Content-Length"] == client.get("/health").headers["Content-Length"]
+
+
 @pytest.mark.parametrize(
     ("method", "path", "status"),
     [("GET", "/grasps", 405), ("POST", "/", 404), ("PUT", "/x", 404), ("POST", "/grasps/", 404)],

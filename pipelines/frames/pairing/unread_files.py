@@ -1,6 +1,7 @@
 """Files that are not read: of a folder without RGB-D frames, and in the place of an image."""
 
 import os
+import re
 from collections import Counter
 from itertools import islice
 from pathlib import Path
@@ -104,6 +105,8 @@ def unread_partner(image: Path, missing: str) -> tuple[str, str] | None:
         places.append(beside / image.stem)
     named = (Path(f"{place}{suffix}") for place in places for suffix in IMAGE_SUFFIXES)
     other = next((path for path in named if os.path.lexists(path)), None)
+    if other is None and word:
+        other = _with_further_words(image, words, read)
     if other is None:
         return None
     if not is_file(other):
@@ -111,3 +114,22 @@ def unread_partner(image: Path, missing: str) -> tuple[str, str] | None:
     if other.suffix in read:
         return f"{other.name}, whose name does not pair with it", ""
     return f"{other.name}, which is not read", f"save {missing} as {kinds}"
+
+
+def _with_further_words(
+    image: Path, words: tuple[str, ...], suffixes: tuple[str, ...]
+) -> Path | None:
+    """Return a file with one of `words` and all words of the frame's name, as x_depth_raw.png."""
+    wanted = _words_of(word_and_rest(image.stem)[1])
+    fit = [
+        path
+        for path in islice(image.parent.iterdir(), MOST_FILES)
+        if path.suffix in suffixes
+        and wanted <= (has := _words_of(path.stem))
+        and not has.isdisjoint(words)
+    ]
+    return min(fit, key=lambda path: (len(path.name), path.name), default=None)
+
+
+def _words_of(stem: str) -> set[str]:
+    return set(re.split("[-_.]", stem.lower())) - {""}

@@ -80,6 +80,15 @@ def test_an_image_that_is_read_under_another_name_is_no_pair(tmp_path: Path, dep
     assert any(expected in _fault(source) for source in find_frames(tmp_path))
 
 
+@pytest.mark.parametrize("name", ["x_depth_raw.png", "raw_depth_x.png", "x_raw_depth.npy"])
+def test_an_image_with_a_further_word_in_its_name_is_named(tmp_path: Path, name: str) -> None:
+    build.pair(tmp_path / "x_color.png", tmp_path / "x_depth.png", 0)
+    (tmp_path / "x_depth.png").rename(tmp_path / name)
+    build.image(tmp_path / "box_depth.png", build.depth(0))
+    expected = f"next to it but {name}, whose name does not pair with it; both have one name"
+    assert any(expected in _fault(source) for source in find_frames(tmp_path))
+
+
 def _fault(source: FrameSource) -> str:
     try:
         source.read()

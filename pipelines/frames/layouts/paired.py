@@ -1,6 +1,7 @@
 """Layouts of a colour and a depth image per frame, distinguished by their camera files."""
 
 import functools
+import re
 from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,8 @@ from pipelines.storage.files import existing
 SAME_CAMERA = 0.5  # pixels by which rounded intrinsics of one camera may differ
 MOST_LABELS, LABEL_STRIDE = 64, 3  # colours of a picture of labels, counted in each third pixel
 ONE_NAME = "both have one name, as x_color.png and x_depth.png, or rgb/x.png and depth/x.png"
+STAMPED = re.compile(r"\d{10}")  # a time in a file's name: seconds since 1970, or microseconds
+BY_TIME = "or by time in rgb.txt and depth.txt as of TUM, whose depth has 5000 units per metre"
 LONGEST_LOOK = 100_000  # bytes of a camera file that are searched for its key
 
 
@@ -148,6 +151,8 @@ def _refuse_lone(pair: ImagePair) -> NoReturn:
     """Raise a FormatError on the missing image of a pair, naming a file in its place."""
     present, missing = (pair.color, "depth") if pair.depth is None else (pair.depth, "colour")
     found, expected = f"has no {missing} image next to it", ONE_NAME
+    if present is not None and STAMPED.search(present.stem):
+        expected = f"{ONE_NAME}, {BY_TIME}"
     if present is not None and (unread := unread_partner(present, missing)) is not None:
         found, expected = f"{found} but {unread[0]}", unread[1] or expected
     raise FormatError(str(present), found, expected)

@@ -89,6 +89,14 @@ def test_an_image_with_a_further_word_in_its_name_is_named(tmp_path: Path, name:
     assert any(expected in _fault(source) for source in find_frames(tmp_path))
 
 
+def test_images_named_after_their_times_are_advised_to_be_listed(tmp_path: Path) -> None:
+    build.pair(
+        tmp_path / "rgb/0000001-000000033369.png", tmp_path / "depth/0000001-000000030051.png", 0
+    )
+    for source in find_frames(tmp_path):
+        assert "depth/x.png, or by time in rgb.txt and depth.txt as of TUM" in _fault(source)
+
+
 def _fault(source: FrameSource) -> str:
     try:
         source.read()

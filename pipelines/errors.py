@@ -110,7 +110,7 @@ class UnknownNameError(SymgraspError):
         self, kind: str, name: str, known: Iterable[str], nearest: str | None = None
     ) -> None:
         known = sorted(known)
-        nearest = nearest or next(iter(difflib.get_close_matches(name, known, 1)), None)
+        nearest = nearest or next(iter(difflib.get_close_matches(str(name), known, 1)), None)
         hint = "" if nearest is None else f", the nearest is {nearest!r}"
         super().__init__(f"{kind} {name!r} is not known{hint}; known are {', '.join(known)}")
         self.arguments = (kind, name, known, nearest)

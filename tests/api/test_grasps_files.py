@@ -66,6 +66,8 @@ def test_a_missing_frame_raises_a_key_error_of_one_sentence(tmp_path):
     with pytest.raises(SymgraspError, match=r"^frame of .*g.h5 'a' is not known; known are b, c"):
         frames["a"]
     assert frames.get("a") is None
+    with pytest.raises(KeyError, match=r"g.h5 0 is not known; known are b, c"):
+        frames[0]
 
 
 def test_poses_are_for_the_gripper_that_the_grasps_were_found_for_or_for_a_named_one(tmp_path):

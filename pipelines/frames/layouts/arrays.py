@@ -7,6 +7,8 @@
     rgb                (H, W, 3) uint8 in the order **BGR**, as in Contact-GraspNet; optional
     image              (H, W, 3) uint8 RGB, as in 6-DOF GraspNet; also `color`, `colors`
 
+Colours may also be floats from 0 to 1.
+
 Their `.npy` files (and `.pkl`) are pickled dictionaries, which can run any code: they are refused,
 with a sentence on how to convert them.
 """
@@ -186,11 +188,14 @@ def _has_camera(names: Container[str]) -> bool:
 
 
 def _color(path: Path, key: str, stored: NDArray[Any]) -> NDArray[np.uint8]:
+    expected = "(height, width, 3) of uint8, or of floats from 0 to 1, is expected"
+    if 0 in stored.shape:
+        raise FormatError(path, f"`{key}` is empty", expected)
+    if stored.dtype.kind == "f" and bool(((stored >= 0) & (stored <= 1)).all()):
+        stored = np.rint(stored * 255.0).astype(np.uint8)
     if stored.ndim != 3 or stored.shape[2] not in (3, 4) or stored.dtype != np.uint8:
         found = f"`{key}` is an array {stored.shape} of {stored.dtype}"
-        raise FormatError(path, found, "(height, width, 3) of uint8 is expected")
-    if 0 in stored.shape:
-        raise FormatError(path, f"`{key}` is empty", "(height, width, 3) of uint8 is expected")
+        raise FormatError(path, found, expected)
     color = stored[:, :, :3]
     return np.ascontiguousarray(color[:, :, ::-1] if key == COLOR_KEYS[0] else color)
 

@@ -54,6 +54,20 @@ def test_colour_is_rgb_unless_its_key_is_that_of_contact_graspnet(tmp_path: Path
         assert np.array_equal(source.read().color, build.color(0))
 
 
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_colour_from_zero_to_one_is_read(tmp_path: Path, kind: type) -> None:
+    image = (build.color(0) / 255).astype(kind)
+    np.savez(tmp_path / "x.npz", depth=METRES, K=build.K, color=image)
+    assert np.array_equal(find_frames(tmp_path)[0].read().color, build.color(0))
+
+
+@pytest.mark.parametrize("value", [np.nan, -0.5, 1.5])
+def test_colour_beyond_zero_to_one_is_refused(tmp_path: Path, value: float) -> None:
+    image = build.color(0) / 255
+    image[0, 0, 0] = value
+    assert "`color` is" in refusal(tmp_path, depth=METRES, K=build.K, color=image)
+
+
 def test_colours_of_points_are_no_image(tmp_path: Path) -> None:
     np.savez(tmp_path / "x.npz", depth=METRES, K=build.K, colors=np.zeros((9, 3), np.uint8))
     assert "grey" in find_frames(tmp_path)[0].read().notes[0]

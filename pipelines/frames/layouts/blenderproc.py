@@ -35,13 +35,12 @@ def _find(folder: Path, options: FrameOptions) -> list[FoundFrame]:
     if not any(names.values()):
         return []
     listed = [path for path in files if names[path] or names[path] is None]
-    lacking = [path for path in listed if not {*CAMERA_TEXTS} & (names[path] or set())]
-    cameras = camera_files(folder, lacking)
+    cameras = camera_files(folder, listed)
     return [
         FoundFrame(
             path.stem,
-            functools.partial(_read, path, options, cameras.get(path)),
-            (path, cameras.get(path)),
+            functools.partial(_read, path, options, cameras[path]),
+            (path, cameras[path]),
         )
         for path in listed
     ]
@@ -66,17 +65,18 @@ def _read(path: Path, options: FrameOptions, camera_file: Path | None) -> Frame:
         with reading(path, "a dataset", f"arrays {COLOR} and {DEPTH} are expected"):
             arrays = {name: np.asarray(file[name]) for name in names}
     name = next((name for name in CAMERA_TEXTS if name in arrays), None)
-    if name is not None:
-        arrays["cam_K"] = _matrix(path, name, arrays[name])
+    matrix = None if name is None else _matrix(path, name, arrays[name])
+    if matrix is not None:
+        arrays["cam_K"] = matrix
     return frame_of_arrays(path, arrays, options, camera_file)
 
 
-def _matrix(path: Path, name: str, text: NDArray[Any]) -> Array:
-    """Return the matrix `cam_K` in the JSON `text` of the dataset `name`."""
+def _matrix(path: Path, name: str, text: NDArray[Any]) -> Array | None:
+    """Return the matrix `cam_K` in the JSON `text` of the dataset `name`, None if it has none."""
     with reading(path, f"`{name}`", "JSON with cam_K is expected"):
         stated = json_value(path, bytes(text.item()), f"`{name}`")
-        states = stated[0] if isinstance(stated, list) else stated
-        return np.asarray(states["cam_K"], np.float64)
+        state = dict(stated[0] if isinstance(stated, list) else stated)
+        return np.asarray(state["cam_K"], np.float64) if "cam_K" in state else None
 
 
 LAYOUT = Layout("BlenderProc", _find)

@@ -42,6 +42,12 @@ def test_the_camera_that_blenderproc_writes_is_read(
     assert np.array_equal(frame.intrinsics.matrix, build.K)
 
 
+def test_a_pose_without_a_matrix_leaves_the_camera_file(tmp_path: Path) -> None:
+    change(tmp_path, camera_pose=text({"cam2world_matrix": np.eye(4).tolist()}))
+    frame = find_frames(tmp_path)[0].read()
+    assert np.array_equal(frame.intrinsics.matrix, build.K)
+
+
 def test_the_sky_is_missing(tmp_path: Path) -> None:
     build.blenderproc(tmp_path)
     assert not find_frames(tmp_path)[0].read().depth[0, :2].any()
@@ -63,6 +69,7 @@ def test_frames_without_a_camera_are_refused(tmp_path: Path) -> None:
         ({"depth": np.bytes_("far")}, "depth"),
         ({"camera_pose": np.bytes_("[")}, "is not JSON"),
         ({"camera_pose": text([])}, "camera_pose"),
+        ({"camera_pose": text("far")}, "camera_pose"),
         ({"campose": text([3])}, "campose"),
         ({"campose": np.zeros(3)}, "campose"),
     ],

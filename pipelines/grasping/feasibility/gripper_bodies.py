@@ -133,11 +133,10 @@ def points_reach(frames: Singles, bounds: Singles, allowed: int, cells: Cells) -
     """
     points, count, start, center, radius = cells
     reach = np.empty((len(frames), 2), np.float32)
-    outermost = np.empty((2, allowed + 1), np.float32)
     for k in range(len(frames)):
         frame, closing = _frame(frames[k]), frames[k, 1]
         back, tip, half, inner = bounds[k, 0], bounds[k, 1], bounds[k, 4], bounds[k, 6]
-        outermost[:] = 0.0
+        outermost = np.zeros((2, allowed + 1), np.float32)
         for c in range(len(radius)):
             along, across, height = _local(frame, center[0, c], center[1, c], center[2, c])
             if max(back - along, along - tip, across - inner, height - half) > radius[c]:
@@ -148,7 +147,7 @@ def points_reach(frames: Singles, bounds: Singles, allowed: int, cells: Cells) -
                 if (back < along) & (along < tip) & (across < inner) & (height < half):
                     ahead = closing[0] * x + closing[1] * y + closing[2] * z + closing[3] > 0
                     _insert(outermost[int(ahead)], across, count[n])
-        reach[k] = outermost[:, allowed]
+        reach[k, 0], reach[k, 1] = outermost[0, allowed], outermost[1, allowed]
     return reach
 
 

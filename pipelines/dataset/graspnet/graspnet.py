@@ -72,7 +72,7 @@ class GraspNetRoot:
         with suppress(SymgraspError):  # its readers report a damaged file
             named |= {each.object_id for each in object_list.read(self.root / "objects.json")}
         for path in (self.root / "scenes").glob("scene_*/object_id_list.txt"):
-            with suppress(SymgraspError):
+            with suppress(SymgraspError):  # the same
                 named |= {*read_object_ids(path)}
         if lost := ", ".join(f"{each:03d}" for each in sorted(named - {*found})):
             log.warning(

@@ -77,10 +77,10 @@ def _find(folder: Path, options: FrameOptions) -> list[FoundFrame]:
     return [_found(path, options, cameras.get(path)) for path in (*listed, *pickles)]
 
 
-def camera_files(folder: Path, lacking: list[Path]) -> dict[Path, Path | None]:
-    """Return the camera files of those files of frames in `folder` that hold no camera."""
-    shared = shared_camera_file(folder) if lacking else None
-    return {path: own_camera_file(folder, path.stem) or shared for path in lacking}
+def camera_files(folder: Path, frames: list[Path]) -> dict[Path, Path | None]:
+    """Return the camera file of each of `frames` in `folder`, its own or that of all, if any."""
+    shared = shared_camera_file(folder) if frames else None
+    return {path: own_camera_file(folder, path.stem) or shared for path in frames}
 
 
 def find_pickled(folder: Path, options: FrameOptions) -> list[FoundFrame]:
